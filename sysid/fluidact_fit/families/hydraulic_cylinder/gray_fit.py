@@ -31,6 +31,8 @@ _SHORTEST = 400  # samples of such a part of one log
 _SPEEDS = 6  # at which the search for a Stribeck rise begins
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
 _ROUNDS = ((2, 4), (6, 2), (20, 1))  # steps from each start, and how many of them go on
+_BESIDE = (0.63, 0.8, 1.25, 1.6)  # times the best speed, where a better one is looked for
+_SIDE_STEPS = 6  # of that search, at that speed and then free
 _MARGIN = 1.5  # by which friction may fall more steeply than where that search ended
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
@@ -111,11 +113,16 @@ class _Search:
                 if "coulomb" not in held:
                     begin["coulomb"] = (1.0 - share) * plain.values["coulomb"]
                 starts.append(({**plain.values, **begin}, plain.initial))
-        for steps, most in _ROUNDS:
-            ends = [solve_gray_box(problem, *s, max_iterations=steps) for s in starts]
-            ends.sort(key=lambda s: s.cost)
-            starts = [(s.values, s.initial) for s in ends[:most]]
-        self.start = ends[0].values
+        best = _best_end(problem, starts)
+        for factor in _BESIDE if "stribeck_speed" in low else ():
+            speed = factor * best.values["stribeck_speed"]
+            other = {**best.values, "stribeck_speed": speed}
+            # all else first, or the search slides back
+            held_there = replace(problem, free=[u for u in free if u.name != "stribeck_speed"])
+            side = solve_gray_box(held_there, other, best.initial, max_iterations=_SIDE_STEPS)
+            end = solve_gray_box(problem, side.values, side.initial, max_iterations=_SIDE_STEPS)
+            best = min(best, end, key=lambda s: s.cost)
+        self.start = best.values
         fall = _MARGIN * FrictionLaw.of(self.start).fall
         self.box = GrayBox.following(self.logs, self.case.machine, self.start["viscous"], fall)
 
@@ -158,6 +165,17 @@ class _Search:
                 "the logs hold no transients of the pressures that would tell it from valve and "
                 "losses.",
             )
+
+
+def _best_end(
+    problem: GrayProblem, starts: Sequence[tuple[Values, Sequence[FloatArray]]]
+) -> GraySolution:
+    """Search from every start for a few steps, and go on with those that got farthest."""
+    for steps, most in _ROUNDS:
+        ends = [solve_gray_box(problem, *s, max_iterations=steps) for s in starts]
+        ends.sort(key=lambda s: s.cost)
+        starts = [(s.values, s.initial) for s in ends[:most]]
+    return ends[0]
 
 
 def _solved(solution: GraySolution) -> Solved:
