@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 import warnings
@@ -90,6 +91,7 @@ def _flush() -> None:
 
 def explain(error: BaseException, written: Sequence[str] = ()) -> tuple[str, int]:
     """Return the message and the exit status of an error, given the files written before it."""
+    written = [path for path in written if os.path.exists(path)]
     text, status = _explain(error, "" if written else " Nothing was written.")
     return (f"{text}\nWritten before that: {', '.join(written)}." if written else text), status
 

@@ -260,3 +260,14 @@ def test_the_journal_of_another_program_is_kept(inside: Path, valve: Log, here: 
     assert done.status == 2
     assert "is not the journal of a batch" in done.err
     assert (inside / "out" / NAME).read_text(encoding="utf-8").count("day") == 2
+
+
+@pytest.mark.parametrize("out", ["loop", "loop/deeper"])
+def test_a_loop_of_links_is_no_folder(out: str, inside: Path, valve: Log, here: Run) -> None:
+    valve("v.csv")
+    _jobs(inside, ("u", "v.csv", ""))
+    os.symlink("loop", "loop")
+    done = here("batch", "jobs.csv", "-o", out, "--workers", "1")
+    assert done.status == 2
+    assert "Give another folder with -o" in done.err
+    assert "Written before" not in done.err

@@ -74,7 +74,8 @@ def run_batch(
     OutputError
         When the folder cannot be written, or another batch is running there.
     """
-    base, folder = base.resolve(), folder.resolve()
+    # unlike Path.resolve, a loop of links is left to be refused where it is written
+    base, folder = Path(os.path.realpath(base)), Path(os.path.realpath(folder))
     progress("looking at what is done")
     own = own_files(folder)
     logs = [job.found_logs(base, own) for job in jobs]

@@ -184,7 +184,7 @@ def _given(source: Path | bytes, private: Any) -> Iterator[_Shared]:
             yield shared
         return
     with source.open("rb") as file:
-        path = f"{_FDS}{file.fileno()}" if _by_descriptor() else str(source.resolve())
+        path = f"{_FDS}{file.fileno()}" if _by_descriptor() else os.path.realpath(source)
         yield _Shared(file, path)
 
 
