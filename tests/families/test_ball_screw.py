@@ -3,18 +3,12 @@
 The logs come from a simulator of their own, on a fine grid, never from the estimator's.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from fluidact_fit import NotIdentifiedError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.families.ball_screw import brackets
-from fluidact_fit.families.ball_screw.brackets import Bracket, narrowing_edges, search_level
-from fluidact_fit.families.ball_screw.stages import first_stages
 from fluidact_fit.family import Plant, Request, Simulated, Solution
 from fluidact_fit.parameters import make_document
 
@@ -160,98 +154,28 @@ def test_a_torque_that_stepped_acts_before_its_step_too() -> None:
     assert np.abs(found.output - truth).max() < 2e-3 * np.ptp(truth)
 
 
-def counted(cost: Callable[[float], float], most: int) -> Callable[[float], float]:
-    """The same cost, which refuses to be asked for ever."""
-    asked: list[float] = []
-
-    def ask(level: float) -> float:
-        asked.append(level)
-        assert len(asked) <= most, "the search does not end"
-        return cost(level)
-
-    return ask
-
-
-def test_the_search_ends_where_good_levels_lie_apart() -> None:
-    """A measured force: thousands of levels, good ones at both ends, worse ones between."""
-    levels = np.linspace(18.0, 145.0, 8875)
-
-    def cost(level: float) -> float:
-        part = (level - 18.0) / 127.0
-        if part > 0.95:
-            return 1.007
-        return 1.00006 if part < 0.25 else 1.003 if part < 0.35 else 1.0
-
-    ask = counted(cost, 400)
-    for near in (None, Bracket(40.0, 120.0, 80.0)):
-        found = search_level(ask, levels, 1.6e-4, near)
-        assert found.low < 50.0
-        assert found.high > 130.0
-        assert cost(found.value) == 1.0, "the value lies where the cost is least"
+@pytest.mark.parametrize("seed", range(3))
+def test_a_static_level_lies_between_two_that_were_commanded(seed: int) -> None:
+    """All that a held torque shows of it: the bracket ends at commands, and holds the truth."""
+    log = drive_log(seed, "zoh")
+    found = fit([log])
+    for name, sign in (("breakaway_positive", 1.0), ("breakaway_negative", -1.0)):
+        q = found.parameters[name]
+        commanded = np.append(sign * log["torque"], found.parameters[f"coulomb_{name[10:]}"].value)
+        for end in q.ci95:
+            assert np.abs(commanded - end).min() < 1e-12
+        assert q.ci95[0] < DRIVE[name] < q.ci95[1]
+        assert q.std_error == pytest.approx((q.ci95[1] - q.ci95[0]) / np.sqrt(12.0))
 
 
-def test_the_search_finds_a_single_level_among_thousands() -> None:
-    levels = np.sort(np.random.default_rng(0).uniform(1.0, 3.0, 20_000))
-    step = 13_127
-    truth = 0.5 * (levels[step] + levels[step + 1])
-    ask = counted(lambda x: 1.0 + abs(x - truth), 200)
-    found = search_level(ask, levels, 1e-9)
-    assert (found.low, found.high) == (levels[step], levels[step + 1])
-    assert found.std_error == pytest.approx((found.high - found.low) / np.sqrt(12.0))
-    ask = counted(lambda x: 1.0, 20)
-    flat = search_level(ask, levels, 1e-9)
-    assert (flat.low, flat.high) == (levels[0], levels[-1])
-    ask = counted(lambda x: 1.0, 0)
-    assert search_level(ask, levels[:1], 1e-9).value == levels[0]
-
-
-def test_bracketing_ends_when_the_cost_no_longer_falls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Brackets that wander among levels of the same cost, as on a force that was measured."""
-    costs = iter((1.0, 0.9, 0.8999, 0.8998))
-    centres = iter(np.linspace(2e-3, 3e-3, 20))
-    asked: list[float] = []
-
-    def refit(self: brackets._Staircase, values: dict) -> brackets._Refitted:
-        asked.append(next(costs))
-        return brackets._Refitted(asked[-1], values, np.zeros((1, 0)), 1.0)
-
-    def search(*given: object) -> Bracket:
-        centre = next(centres)
-        return Bracket(centre - 1e-4, centre + 1e-4, centre)
-
-    monkeypatch.setattr(brackets._Staircase, "refit", refit)
-    monkeypatch.setattr(brackets._Staircase, "search", search)
-    stage = first_stages(ROTARY, [drive_log(1, "zoh")], Request(FAMILY.options_type()), False)
-    held, found = brackets.bracket_levels(stage)
-    assert asked == [1.0, 0.9, 0.8999], "a ten-thousandth less is not worth another round"
-    for name, bracket in found.items():
-        assert held.fixed[name] == held.start[name] == bracket.value
-
-
-def test_a_level_that_was_not_refitted_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the price ends the search, what it did not look at widens the bracket, no more."""
-    stage = first_stages(ROTARY, [drive_log(1, "zoh")], Request(FAMILY.options_type()), False)
-    stage, before = brackets.bracket_levels(stage)
-    monkeypatch.setattr(brackets, "_LIMIT", 0.0)
-    monkeypatch.setattr(brackets, "_REFITS", 1)
-    monkeypatch.setattr(brackets, "_HOPELESS", np.inf)
-    wide = {n: replace(b, low=b.low - 0.3e-3) for n, b in before.items()}
-    held, after = brackets.narrow_levels(stage, wide)
-    costs = [s.solve(s.problem(), 15, 0.05).cost for s in (stage, held)]
-    assert costs[1] <= costs[0] * 1.001
-    for name, bracket in after.items():
-        assert bracket.low < bracket.value < bracket.high
-        assert bracket.low < DRIVE[name] < bracket.high
-
-
-def test_a_wide_bracket_is_refitted_at_few_levels() -> None:
-    levels = np.linspace(1.0, 2.0, 9000)
-    wide = narrowing_edges(levels, Bracket(levels[100], levels[8900], 1.5))
-    assert wide.size < 60
-    assert wide[0] == levels[96]
-    assert wide[-1] == levels[8904]
-    near = narrowing_edges(levels, Bracket(levels[2], levels[9], levels[5]))
-    np.testing.assert_array_equal(near, levels[:14])
+def test_a_bad_start_does_not_hide_the_static_levels() -> None:
+    """A search that never breaks away, or always does, sees no slope."""
+    log = drive_log(1)
+    for level in (0.0, 5.5e-3):
+        found = fit([log], start={"breakaway_positive": level, "breakaway_negative": level})
+        for side in ("positive", "negative"):
+            q = found.parameters[f"breakaway_{side}"]
+            assert q.value == pytest.approx(DRIVE[f"breakaway_{side}"], rel=0.03)
 
 
 def test_the_drive_is_fed_forward_without_static_levels() -> None:

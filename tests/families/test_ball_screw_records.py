@@ -12,11 +12,10 @@ import fluidact_fit as ff
 from attack_finder import find_attack
 from fluidact_fit import LogError
 from fluidact_fit.estimation.lost_rows import fill_lost_rows, find_lost_rows
+from fluidact_fit.estimation.price import counting
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.families.ball_screw import brackets
 from fluidact_fit.families.ball_screw import fit as whole_fit
-from fluidact_fit.families.ball_screw.brackets import search_level
 from fluidact_fit.family import Request, Solution
 
 STEP, N = 0.01, 500
@@ -202,34 +201,13 @@ def test_a_torque_of_the_other_sign_is_said_to_be_one() -> None:
     assert "--scale torque=-1" in caught.value.text
 
 
-def test_a_search_that_may_not_go_on_ends_wide() -> None:
-    asked: list[float] = []
-
-    def cost(level: float) -> float:
-        asked.append(level)
-        return 1.0 + abs(level - 2.0)
-
-    found = search_level(cost, np.linspace(1.0, 3.0, 9000), 1e-9, exhausted=lambda: True)
-    assert len(asked) == 20
-    assert found.low < 2.0 < found.high
-
-
-def test_levels_are_found_within_a_price(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The price is counted in simulated nodes and events: the clock has no part in it."""
-    monkeypatch.setattr(brackets, "_LIMIT", 0.0)
-    asked: list[float] = []
-    plain = brackets._Staircase.cost
-
-    def cost(self: brackets._Staircase, values: dict) -> float:
-        asked.append(0.0)
-        return plain(self, values)
-
-    monkeypatch.setattr(brackets._Staircase, "cost", cost)
-    found = fit(record())
-    assert len(asked) < 300
-    for name in ("breakaway_positive", "breakaway_negative"):
-        q = found.parameters[name]
-        assert q.status != "estimated" or q.ci95[0] <= DRIVE[name] <= q.ci95[1]
+def test_a_noisy_drive_that_is_taken_for_held_is_searched_within_bounds() -> None:
+    """Every level of noise fits otherwise, and there are as many as samples."""
+    log = record(noise=2e-4)
+    with counting(log.samples) as price:
+        found = fit(log)
+    assert price.spent < 1500
+    assert "command-noise" in {n.code for n in found.notices}
 
 
 @pytest.mark.parametrize("seed", range(4))

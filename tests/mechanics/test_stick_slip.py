@@ -126,3 +126,16 @@ def test_initial_speed_coasts_to_rest() -> None:
     stop = j / b * np.log(1.0 + b * 2.0 / kp)
     travel = j / b * 2.0 - kp / b * stop
     assert motion.position[0, -1] == pytest.approx(travel, rel=1e-10)
+
+
+def test_a_break_away_at_the_peak_of_the_torque_is_differentiated_over_a_small_change() -> None:
+    """Where the torque only just reaches the level its slope is zero, and that was divided by."""
+    time = np.linspace(0.0, 2.0, 201)
+    values = 5.0 * np.sin(np.pi * time)
+    u = piecewise(Signal("torque", time, values, "N m", "smooth"))
+    peak = float(np.polynomial.Polynomial(u.coefficients[50])(0.0))
+    level = np.full(1, peak * (1.0 - 1e-15)) + 1e-30j
+    law = StickSlip(*(np.full(1, x) for x in (0.2, 0.5, 1.0, 1.0)), level, np.full(1, 9.0))
+    passes, _ = Passes.on_samples(Signal("torque", time, values, "N m", "smooth"), time)
+    slope = np.imag(simulate_stick_slip(law, passes).position) / 1e-30
+    assert 0.0 < np.abs(slope).max() < 1e3

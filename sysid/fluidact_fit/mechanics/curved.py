@@ -39,7 +39,7 @@ from ..estimation.inputs import PiecewiseInput
 from ..estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
 from ..experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
-from .motion import Levels, Motion, StickSlip
+from .motion import DryMass, Motion, StickSlip
 from .phi import Responses
 from .rest import StaticBand, value_of, zero_of
 
@@ -173,11 +173,11 @@ class Step:
     slope: float
 
 
-def slide_of(levels: Levels, way: int) -> Slide:
+def slide_of(mass: DryMass, way: int) -> Slide:
     """Motion in a direction, 1 or -1."""
-    k, j = (0 if way > 0 else 1), levels.inertia
-    fall = levels.static[k] - levels.kinetic[k]
-    return Slide(levels.viscous[k] / j, levels.kinetic[k] / j, fall / j, levels.speed, j)
+    k, j = (0 if way > 0 else 1), mass.inertia
+    fall = mass.law.rise(way)
+    return Slide(mass.viscous[k] / j, mass.kinetic[k] / j, fall / j, mass.speed, j)
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class CurvedRun:
         begin of the next, for the steps that end in a stop: 0 where a rest follows. Otherwise 1.
     """
 
-    def __init__(self, law: Levels, u: PiecewiseInput, grid: Grid, speed: float) -> None:
+    def __init__(self, law: DryMass, u: PiecewiseInput, grid: Grid, speed: float) -> None:
         self.law, self.torque, self._grid = law, u.coefficients, grid
         self.spans: list[float] = np.diff(u.nodes).tolist()
         self.slides = {way: slide_of(law, way) for way in (1, -1)}

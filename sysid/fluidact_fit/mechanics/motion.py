@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
 from ..experiment import Array
+from .friction_law import FrictionLaw
 
 
 @dataclass(frozen=True)
-class Levels:
-    """Real parameters of the drive: inertia, and by direction viscous, kinetic and static friction.
-
-    The positive direction comes first. ``speed`` is that of the Stribeck curve, 0 without one.
-    """
+class DryMass:
+    """A mass [kg] or inertia [kg m2] and its friction; pairs hold the positive direction first."""
 
     inertia: float
-    viscous: tuple[float, float]
-    kinetic: tuple[float, float]
-    static: tuple[float, float]
-    speed: float = 0.0
+    law: FrictionLaw
+
+    @cached_property
+    def viscous(self) -> tuple[float, float]:
+        """Viscous friction by direction [N s/m or N m s/rad]."""
+        return self.law.viscous_positive, self.law.viscous_negative
+
+    @cached_property
+    def kinetic(self) -> tuple[float, float]:
+        """Kinetic levels by direction [N or N m]."""
+        return self.law.coulomb_positive, self.law.coulomb_negative
+
+    @cached_property
+    def static(self) -> tuple[float, float]:
+        """Static levels by direction [N or N m]."""
+        return self.law.breakaway_positive, self.law.breakaway_negative
+
+    @cached_property
+    def speed(self) -> float:
+        """Speed of the Stribeck curve [m/s or rad/s]; 0 where none has anything to fall from."""
+        return self.law.stribeck_speed if self.law.curved else 0.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +62,28 @@ class StickSlip:
     stribeck_speed: Array | None = None
     exponent: Array | None = None
 
+    @classmethod
+    def of(cls, inertia: Array, values: Mapping[str, Any], static: Mapping[str, Array]) -> Self:
+        """Read the friction off named values, numbers or rows as long as ``inertia``.
+
+        ``static`` holds the static levels, by name; what is lower than the kinetic level is raised
+        to it. One ``viscous`` stands for both directions where there are no one-sided values.
+        """
+
+        def row(name: str, otherwise: Any = 0.0) -> Array:
+            return np.broadcast_to(values.get(name, otherwise), inertia.shape)
+
+        levels = []
+        for side in ("positive", "negative"):
+            kinetic, rest = row(f"coulomb_{side}"), static[f"breakaway_{side}"]
+            levels.append((kinetic, np.where(np.real(rest) > np.real(kinetic), rest, kinetic)))
+        (forward, backward), viscous = levels, values.get("viscous", 0.0)
+        return cls(
+            inertia, row("viscous_positive", viscous), forward[0], backward[0], forward[1],
+            backward[1], row("viscous_negative", viscous), row("stribeck_speed"),
+            row("stribeck_exponent", 2.0),
+        )  # fmt: skip
+
     @cached_property
     def rows(self) -> tuple[Array, ...]:
         """Inertia, viscous, kinetic and static friction by direction, the curve's two numbers."""
@@ -57,12 +96,10 @@ class StickSlip:
         )  # fmt: skip
 
     @cached_property
-    def levels(self) -> Levels:
-        """The real parts. A curve that has nothing to fall from is none."""
-        j, *pairs, speed, _ = (float(np.real(row.flat[0])) for row in self.rows)
-        viscous, kinetic, static = zip(pairs[::2], pairs[1::2])
-        falls = any(s > k for s, k in zip(static, kinetic))
-        return Levels(j, viscous, kinetic, static, speed if falls else 0.0)
+    def mass(self) -> DryMass:
+        """The real parts."""
+        j, b, bn, kp, kn, sp, sn, speed, _ = (float(np.real(row.flat[0])) for row in self.rows)
+        return DryMass(j, FrictionLaw(kp, kn, b, bn, sp, sn, stribeck_speed=speed, joined=True))
 
     def turned(self, initial_speed: Array) -> bool:
         """Whether any of the rows, or the initial speed, is complex."""

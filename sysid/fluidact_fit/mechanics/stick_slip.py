@@ -23,20 +23,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import comb, exp
+from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
-from ..estimation.grid import Grid
-from ..estimation.inputs import PiecewiseInput
+from ..estimation.grid import Grid, make_grid
+from ..estimation.inputs import PiecewiseInput, piecewise
 from ..estimation.recursion import run_recursion
-from ..experiment import Array, FloatArray
+from ..experiment import Array, FloatArray, Signal
 from .changes import Steps, Varied, with_changes
 from .curved import CurvedRun, motion_of
-from .motion import Levels, Motion, StickSlip
+from .motion import DryMass, Motion, StickSlip
 from .phi import Responses, phi_real
 from .rest import StaticBand, rising_root, slope_of, value_of
 
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
+_GRAZING = 1e-6  # of a static level, over which a break-away at a peak is differentiated
 _TINY = 1e-30  # imaginary part, in parts of a parameter
 
 
@@ -47,10 +50,10 @@ class _Direction:
     never stops, from zero; every slip phase is this motion minus its own past.
     """
 
-    def __init__(self, sign: int, levels: Levels, u: PiecewiseInput, grid: Grid) -> None:
+    def __init__(self, sign: int, mass: DryMass, u: PiecewiseInput, grid: Grid) -> None:
         k = 0 if sign > 0 else 1
-        self.sign, self.torque, self.inertia = sign, u.coefficients, levels.inertia
-        self.viscous, self.level = levels.viscous[k], sign * levels.kinetic[k]
+        self.sign, self.torque, self.inertia = sign, u.coefficients, mass.inertia
+        self.viscous, self.level = mass.viscous[k], sign * mass.kinetic[k]
         self.rate = self.viscous / self.inertia
         net = self.torque[:-1].T.copy()
         net[0] -= self.level
@@ -98,10 +101,10 @@ class _Phase:
 class _Run:
     """One pass through the events of a log."""
 
-    def __init__(self, levels: Levels, u: PiecewiseInput, grid: Grid, speed: float) -> None:
-        self.levels, self.time, self.torque = levels, grid.instants, u.coefficients
-        self.ways = {sign: _Direction(sign, levels, u, grid) for sign in (1, -1)}
-        self.band = StaticBand(u, *levels.static)
+    def __init__(self, mass: DryMass, u: PiecewiseInput, grid: Grid, speed: float) -> None:
+        self.mass, self.time, self.torque = mass, grid.instants, u.coefficients
+        self.ways = {sign: _Direction(sign, mass, u, grid) for sign in (1, -1)}
+        self.band = StaticBand(u, *mass.static)
         self.position = np.empty(self.time.size)
         self.velocity = np.zeros(self.time.size)
         self.here = 0.0
@@ -126,7 +129,7 @@ class _Run:
                 until, begin, sign = found
                 # where the torque comes to its level, and not where it jumps past it
                 met = begin > (offset if until == node else 0.0)
-                late = sign / slope_of(self.torque[until], begin) if met else 0.0
+                late = self._lateness(until, begin, sign) if met else 0.0
                 self.position[node + 1 : until + 1] = self.here
                 node, offset = until, begin
                 self.breakaways[0 if sign > 0 else 1] += 1
@@ -138,6 +141,17 @@ class _Run:
                 continue
             node, offset, sign = self._slip(node, offset, sign, speed, late)
             speed = late = 0.0
+
+    def _lateness(self, node: int, offset: float, way: int) -> float:
+        """How much later the torque comes to its level per level.
+
+        Near a peak of the torque that is the mean over a small part of the level: at the peak
+        itself it would be infinite.
+        """
+        torque = self.torque[node]
+        bend = slope_of(torque[1:] * np.arange(1, torque.size), offset)
+        least = 2.0 * abs(bend) * _GRAZING * self.mass.static[0 if way > 0 else 1]
+        return 1.0 / float(max(abs(slope_of(torque, offset)), np.sqrt(least), 1e-300))
 
     def _slip(
         self, node: int, offset: float, sign: int, speed: float, late: float
@@ -243,7 +257,7 @@ class _Run:
     def _acceleration(self, phase: _Phase) -> float:
         """At the begin of a phase [per second squared]."""
         torque = value_of(self.torque[phase.node], phase.offset)
-        return (torque - self.ways[phase.sign].level) / self.levels.inertia
+        return (torque - self.ways[phase.sign].level) / self.mass.inertia
 
 
 def _vary(run: _Run, steps: Steps) -> Varied:
@@ -309,18 +323,30 @@ class Passes:
 
     def __init__(self, torque: PiecewiseInput, grid: Grid) -> None:
         self.torque, self.grid = torque, grid
-        self._last: tuple[Levels, float, _Run | CurvedRun] | None = None
+        self._last: tuple[DryMass, float, _Run | CurvedRun] | None = None
 
-    def pass_of(self, levels: Levels, speed: float) -> _Run | CurvedRun:
+    @classmethod
+    def on_samples(cls, signal: Signal, time: FloatArray) -> tuple[Self, npt.NDArray[np.intp]]:
+        """Split an input at instants ``(n,)``, each a node; return also which nodes they are."""
+        u = piecewise(signal)
+        nodes = np.union1d(u.nodes[(u.nodes > time[0]) & (u.nodes < time[-1])], time)
+        piece = np.searchsorted(u.nodes, nodes, side="right") - 1
+        coefficients = u.coefficients[np.maximum(piece, 0)]
+        coefficients[piece < 0] = 0.0
+        coefficients[piece < 0, 0] = signal.before
+        found = cls(PiecewiseInput(nodes, coefficients), make_grid(nodes))
+        return found, np.searchsorted(nodes, time)
+
+    def pass_of(self, mass: DryMass, speed: float) -> _Run | CurvedRun:
         """The pass of a drive with some first speed."""
-        if self._last is None or self._last[:2] != (levels, speed):
+        if self._last is None or self._last[:2] != (mass, speed):
             self._last = None  # free it before the next is made
             run = (
-                CurvedRun(levels, self.torque, self.grid, speed)
-                if levels.speed > 0.0
-                else _Run(levels, self.torque, self.grid, speed)
+                CurvedRun(mass, self.torque, self.grid, speed)
+                if mass.speed > 0.0
+                else _Run(mass, self.torque, self.grid, speed)
             )
-            self._last = levels, speed, run
+            self._last = mass, speed, run
         return self._last[2]
 
 
@@ -339,7 +365,7 @@ def simulate_stick_slip(
         At the first node.
     """
     start = np.asarray(initial_speed)
-    run = passes.pass_of(parameters.levels, float(np.real(start.flat[0])))
+    run = passes.pass_of(parameters.mass, float(np.real(start.flat[0])))
     if isinstance(run, CurvedRun):
         return motion_of(run, parameters, start)
     motion = Motion(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, exp, pi, sqrt
+from math import ceil, pi, sqrt
 
 import numpy as np
 
@@ -157,18 +157,14 @@ class HydraulicPlant(Plant):
         return p1, p2, y, v
 
     def _rates(self, x: np.ndarray, command: float, way: int) -> np.ndarray:
-        c, law = self.cylinder, self.cylinder.friction
+        c = self.cylinder
         p1, p2, y, v = x.tolist()
         first, second = self._volumes((p1, p2, y, v))
         in_1 = c.flow(1, command, p1) - c.area[0] * v
         in_2 = c.area[1] * v - c.flow(2, command, p2)
         force = 0.0
         if way:
-            level = law.coulomb_positive if way > 0 else law.coulomb_negative
-            if law.stribeck_speed > 0.0:
-                level += law.rise(way) * exp(-((v / law.stribeck_speed) ** 2))
-            viscous = law.viscous_positive if way > 0 else law.viscous_negative
-            force = self._push((p1, p2, y, v)) - way * level - viscous * v
+            force = self._push((p1, p2, y, v)) - way * c.friction.sliding(way, v)
         return np.array(
             [c.bulk_modulus * in_1 / first, c.bulk_modulus * in_2 / second, v, force / c.mass]
         )

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.noise import noise_floor
 from ...estimation.separable import solve
 from ...experiment import FloatArray
-from ...family import Quantity
-from .model import BREAKAWAY, SPEED, Compared
-from .stages import Stage, values_at
+from .model import Compared
+from .start import Stage, values_at
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
 DECISIVE_HELD = 2.0  # the same under a drive that is held: it is exact, and explains no residual
-BEYOND_HELP = 100.0  # above which no other instant of a break-away would make it small
+_BALANCED = 3  # times that position, speed and acceleration are weighed against each other
 
 
 def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
@@ -29,8 +27,7 @@ def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
     problem = stage.problem()
     found = stage.solve(problem, max_iterations=10, tolerance=0.05)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
-    white = max(noise_floor(e[stage.axis.motion], robust=False) for e in stage.experiments)
-    noise = max(white, stage.rounding)
+    noise = stage.noise
     moved = replace(stage, start={**stage.start, **values_at(problem, found.eta)})
     return float(residual / noise) if noise > 0.0 else np.inf, moved
 
@@ -38,33 +35,27 @@ def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
 def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
     """Weights for comparing position, speed and acceleration together.
 
-    Forces the model does not know drift in the position and are small in the
-    acceleration; noise does the opposite. Each quantity is weighted by its own
-    residual, so that neither the drift of one nor the noise of another decides.
+    Forces the model does not know drift in the position and are small in the acceleration; noise
+    does the opposite. Each quantity is weighted by its own residual, so that neither the drift of
+    one nor the noise of another decides. Speed and acceleration are differences over an eighth of
+    the time constant of coasting: shorter ones look at vibrations that a rigid mass does not have,
+    longer ones smear the reversals.
     """
-    compared = Compared(half_width=_window(stage))
-    parts = [compared.channels(e.samples) for e in stage.experiments]
+    start, runs = stage.start, stage.experiments
+    viscous = start.get("viscous", start.get("viscous_positive", 0.0))
+    coasting = start[stage.axis.inertia] / max(viscous, 1e-300)
+    longest = max(min(e.samples for e in runs) // 50, 2)
+    step = min(e.sample_time for e in runs)
+    compared = Compared((0, 1, 2), int(np.clip(coasting / (8.0 * step), 2, longest)))
+    parts = [compared.channels(e.samples) for e in runs]
+    weights: list[FloatArray] = []
     now = stage.solve(stage.problem(compared), max_iterations=0, tolerance=0.0)
-    weights = _balance(now.residuals, parts)
-    for _ in range(3):
+    for _ in range(_BALANCED):
+        plain = [r / w for r, w in zip(now.residuals, weights)] if weights else now.residuals
+        weights = _balance(plain, parts)
         problem = stage.problem(compared, weights)
         now = solve(problem, now.eta, max_iterations=15, tolerance=0.02)
-        weights = _balance([r / w for r, w in zip(now.residuals, weights)], parts)
     return compared, weights
-
-
-def _window(stage: Stage) -> int:
-    """Half-width of the window for speed and acceleration, in samples.
-
-    A quarter of the coasting time constant in all: shorter windows look at vibrations
-    that a rigid mass does not have, longer ones smear the reversals.
-    """
-    start = stage.start
-    viscous = start.get("viscous", start.get("viscous_positive", 0.0))
-    step = min(e.sample_time for e in stage.experiments)
-    shortest = min(e.samples for e in stage.experiments)
-    coasting = start[stage.axis.inertia] / max(viscous, 1e-300)
-    return int(np.clip(coasting / (8.0 * step), 2, max(shortest // 50, 2)))
 
 
 def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> list[FloatArray]:
@@ -78,19 +69,11 @@ def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> l
     return weights
 
 
-def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
-    """Warn of forces that the model does not know, and of the static levels they hide.
+def beyond_notice(known: bool) -> Notice:
+    """Warn of forces that the model does not know.
 
-    Where the speed of a curve is not among the parameters, friction that falls is one of them.
+    Where the speed of a curve is not ``known``, friction that falls is one of them.
     """
-    errors = {
-        name: float(q.std_error) / abs(q.number)
-        for name, q in parameters.items()
-        if name in BREAKAWAY.values() and isinstance(q.std_error, float) and q.number
-    }
-    wide = [f"{name} ({100.0 * e:.0f} %)" for name, e in errors.items() if e > 0.02]
-    hidden = f" They hide the static level most: {', '.join(wide)} standard error." if wide else ""
-    known = SPEED in parameters
     more = "" if known else ", friction that falls with the speed"
     remedy = "" if known else " For friction that falls, try --stribeck=estimate."
     return Notice(
@@ -98,6 +81,6 @@ def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
         "forces that are not in this model (torque ripple, play, a load that depends on the "
         f"place{more}) move the position by more than its noise. Speed and acceleration were "
         "compared as well, so that they disturb less; what they add to the friction levels "
-        f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
+        f"and to the inertia is not in the intervals. Cover the same stretch in both "
         f"directions at several speeds, or give the static levels with --fix.{remedy}",
     )

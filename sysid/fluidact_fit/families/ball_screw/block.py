@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import inf, log1p
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,9 @@ from ...block import DryDrive, DryDriveBlock, Port
 from ...errors import UsageError
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
-from ...mechanics.curved import Slide, slide_of
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.motion import Levels
-from ...mechanics.phi import phi_real
-from ...routines import Routine
+from ...mechanics.held import HeldMass
+from ...routines import Argument, Draft, Routine, by_sign, constant, maximum, minimum
 from ...specification import scalars
 from .model import BREAKAWAY, SPEED, DriveModel, axis_of
 
@@ -60,17 +58,8 @@ class DriveBlock(DryDriveBlock):
         return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
 
     @cached_property
-    def _slides(self) -> dict[int, Slide]:
-        """Motion under the curve, by direction; none without one."""
-        law = self._law
-        if not law.curved:
-            return {}
-        levels = Levels(
-            self.inertia, (law.viscous_positive, law.viscous_negative),
-            (law.coulomb_positive, law.coulomb_negative),
-            (law.breakaway_positive, law.breakaway_negative), law.stribeck_speed,
-        )  # fmt: skip
-        return {way: slide_of(levels, way) for way in (1, -1)}
+    def _mass(self) -> HeldMass:
+        return HeldMass(self.inertia, self._law)
 
     def dry_drive(self) -> DryDrive:
         """Return inertia and friction as plain numbers."""
@@ -97,44 +86,10 @@ class DriveBlock(DryDriveBlock):
         """Hold the input for one sample time, and return the position before that."""
         self._need_sample_time("sample time")
         now = self.position
-        rest = self.sample_time
-        for _ in range(4):  # a held input: moving, stopped, moving the other way
-            rest = self._move(value, rest)
-            if rest <= 0.0:
-                break
+        self.position, self.velocity = self._mass.advance(
+            now, self.velocity, value, self.sample_time
+        )
         return now
-
-    def _move(self, drive: float, span: float) -> float:
-        """Advance until the span ends or the motion stops; returns what is left of it [s]."""
-        v, law = self.velocity, self._law
-        forward = v > 0.0 if v != 0.0 else drive > law.breakaway_positive
-        if v == 0.0 and not forward and drive >= -law.breakaway_negative:
-            return 0.0
-        if self._slides:
-            return self._slide(1 if forward else -1, drive, span)
-        viscous = law.viscous_positive if forward else law.viscous_negative
-        net = drive - (law.coulomb_positive if forward else -law.coulomb_negative)
-        stop = _time_to_stop(v, net, viscous, self.inertia)
-        time = min(stop, span)
-        rate = viscous / self.inertia
-        one, two = phi_real(-rate * time, 2)
-        push = net / self.inertia * time
-        self.position += v * time * one + push * time * two
-        if stop > span:
-            self.velocity = v * (1.0 - rate * time * one) + push * one
-            return 0.0
-        self.velocity = 0.0
-        return span - stop
-
-    def _slide(self, way: int, drive: float, span: float) -> float:
-        """Advance like :meth:`_move` where friction falls with the speed."""
-        slide = self._slides[way]
-        steps = slide.divide(abs(self.velocity), 0.0, span, slide.held(way * drive), span)
-        self.position += way * sum(s.way for s in steps)
-        self.velocity = way * steps[-1].after if steps else 0.0
-        if not steps or steps[-1].after > 0.0:
-            return 0.0
-        return span - steps[-1].offset - steps[-1].span
 
     def friction(self, velocity: float, torque: float = 0.0) -> float:
         """Friction that opposes the motion [unit of the input].
@@ -159,8 +114,6 @@ class DriveBlock(DryDriveBlock):
 
     def routines(self) -> Sequence[Routine]:
         """Feed-forward of a wanted motion, and friction in motion and at rest."""
-        from .routines import routines_of
-
         output = self.output
         drive = self.argument(self._port(self.variant.driving[0]).role, "input of the drive")
         low, high, _ = self._range(output.role)
@@ -241,10 +194,55 @@ class DriveBlock(DryDriveBlock):
         return np.real(model.columns(0, {**self.numbers(), "initial_speed[0]": velocity}).known)
 
 
-def _time_to_stop(v: float, net: float, viscous: float, inertia: float) -> float:
-    """Time until a moving mass stops under a constant force [s], infinite when it never does."""
-    if v == 0.0 or v * net >= 0.0:
-        return inf
-    x = -v * viscous / net
-    factor = log1p(x) / x if x > 1e-9 else 1.0 - 0.5 * x
-    return -v * inertia / net * factor
+def reach_of(
+    law: FrictionLaw, inertia: float, drive: tuple[float, float], travel: float
+) -> tuple[float, float]:
+    """Velocities [per second] that the drive of the logs can give over the way they covered.
+
+    The steady one against friction, or that of the whole way under full drive where that is less.
+    """
+    ends = []
+    for level, viscous, most in (
+        (law.coulomb_negative, law.viscous_negative, -drive[0]),
+        (law.coulomb_positive, law.viscous_positive, drive[1]),
+    ):
+        net = max(most - level, 1e-3 * max(most, level, 1e-12))
+        free = sqrt(2.0 * net * travel / inertia)
+        ends.append(min(net / viscous, free) if viscous > 0.0 else free)
+    return -ends[0], ends[1]
+
+
+def routines_of(
+    law: FrictionLaw, moving: FrictionLaw, inertia: float, drive: Argument, output: Port,
+    travel: float,
+) -> Sequence[Routine]:  # fmt: skip
+    """Return the routines; ``moving`` is the law without static levels."""
+    low, high = reach_of(moving, inertia, (drive.low, drive.high), travel)
+    velocity = Argument(
+        "velocity", f"{output.unit}/s", "wanted velocity", low, high, recorded=False
+    )
+    most = max(drive.high, -drive.low) / inertia
+    acceleration = Argument(
+        "acceleration", f"{output.unit}/s2", "wanted acceleration", -most, most, recorded=False
+    )
+    ahead = Draft(
+        "feedforward", "Input for a wanted motion: inertia, viscous and kinetic friction.",
+        drive.unit,
+    )  # fmt: skip
+    v, a = ahead.argument(velocity), ahead.argument(acceleration)
+    forward, backward = (float(moving.moving(0.0, way)) for way in (1.0, -1.0))
+    starting = by_sign(
+        a, constant("starting_positive", forward), constant("starting_negative", backward)
+    )
+    friction = Draft(
+        "friction", "Friction against the motion; at rest what it balances.", drive.unit
+    )
+    speed, load = friction.argument(velocity), friction.argument(drive)
+    at_rest = minimum(
+        maximum(load, constant("breakaway_negative", -law.breakaway_negative)),
+        constant("breakaway_positive", law.breakaway_positive),
+    )
+    return (
+        ahead.returns(moving.routine_value(v, starting) + inertia * a),
+        friction.returns(law.routine_value(speed, at_rest)),
+    )

@@ -1,16 +1,13 @@
 """What errors of the recorded drive do to the estimate: noise of its samples, rows that were lost.
 
-The axis felt another torque than the log shows. Its error moves the instants at which the axis
-breaks away and, until the next stop, the speed; the position keeps what came of it. The
-residuals show only part of this: a static level is wrong by what the torque was wrong by at the
-few instants of break-away. So the drive is disturbed at random by as much as it may be wrong,
-followed through all events, and the estimate moved by ``(J'J)^-1 J' dy``, which is what the
-error that is already in the log did as well.
+The error moves the instants at which the axis breaks away and, until the next stop, the speed.
+Residuals show only part of this: a static level is wrong by what the torque was wrong by at the few
+instants of break-away. So the drive is disturbed at random by as much as it may be wrong, followed
+through all events, and the estimate moved by ``(J'J)^-1 J' dy``.
 
-What is left of ``dy`` beside the parameters is in the residual, where it wanders. Where the
-residual wanders less than after any of the disturbances the error was smaller, and the moves are
-taken for as much smaller: a drive that is rounded may have been rounded in the machine, which is
-no error of the record.
+What is left of ``dy`` beside the parameters wanders in the residual. Where the residual wanders
+less than after any of the disturbances the error was smaller, and the moves are taken for as much
+smaller: a drive that was rounded in the machine is no error of the record.
 """
 
 from __future__ import annotations
@@ -37,7 +34,6 @@ _FIRST = 4  # of them, after which it shows whether they matter at all
 _MATTERS = 0.1  # of a standard error, which the first have to move an estimate by
 _WANDERS = 20  # rows over which white noise averages out, but not what a wrong break-away does
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
-_LEAST = 1e-7  # of the range of the drive: errors below it are rounding
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
 _HELD_NOISE = (5e-4, 0.02)
 
@@ -64,7 +60,7 @@ def with_drive_errors(
     before = model.compared_rows(fitted.values)
     jacobian, residuals = fitted.solution.jacobian, fitted.solution.residuals
     # a position may lie beside the simulated one: that is no error of the drive
-    beside = [model.compared.offset(t.size, y.size) for t, y in zip(model.times, before)]
+    beside = [model.compared.offset(t.size) for t in model.times]
     free = [orthonormal((w * column.T).T) for w, column in zip(scale, beside)]
     j = np.vstack(jacobian)
     # a residual that is autocorrelated has shown part of it already: the larger of the two
@@ -81,7 +77,7 @@ def with_drive_errors(
             moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
             left.append(sum(_wander(c - k @ moves[-1]) for c, k in zip(change, jacobian)))
         # speed and acceleration are compared where the model lacks forces: they show those
-        smaller = shown < min(left) and not model.compared.half_width
+        smaller = shown < min(left) and not weights
         share = shown / float(np.mean(left)) if smaller else 1.0
         added = share * np.transpose(moves) @ np.array(moves) / count
         if np.all(np.diag(added) < _MATTERS**2 * np.diag(plain.covariance)):
@@ -138,8 +134,6 @@ def _held_noise(signal: Signal) -> float:
 def _errors(signal: Signal) -> FloatArray:
     """Standard deviations of a drive at its nodes, lost rows included [SI]."""
     noise = 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
-    if noise < _LEAST * float(np.ptp(signal.values)):
-        noise = 0.0
     lost = find_lost_rows(signal)
     time = signal.time if lost is None else np.concatenate((signal.time, lost.time))
     errors = np.full(time.size, noise)

@@ -9,9 +9,9 @@ one to the other at once when the axis moves, or with ``--stribeck estimate`` ov
 position. The motion is solved with events (:mod:`fluidact_fit.mechanics`); nothing is smoothed
 in the estimate.
 
-Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
-increments of position (no drift), then position. A one-shot fit of the position from a
-guess ends in a local minimum.
+Three stages: the inverse dynamics by linear least squares on smoothed derivatives, the static
+levels by a profile over the commanded ones, then position. A one-shot fit of the position from
+a guess ends in a local minimum.
 
 References
 ----------
@@ -45,8 +45,8 @@ from ...family import (
     Variant,
 )
 from .block import DriveBlock
-from .brackets import bracket_widths
 from .fit import fit_drive
+from .levels import bracket_widths
 from .model import (
     BREAKAWAY,
     LINEAR,
@@ -54,11 +54,11 @@ from .model import (
     SIDES,
     SPEED,
     Axis,
+    BallScrewOptions,
     DriveModel,
     axis_of,
 )
-from .options import BallScrewOptions
-from .stages import follow
+from .start import follow
 from .stribeck import fall_of
 
 

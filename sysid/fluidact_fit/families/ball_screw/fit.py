@@ -1,159 +1,137 @@
-"""One fit: stages, static levels, forces beyond the model, and what stands in the file."""
+"""One fit: static levels, forces beyond the model, the last search, and what stands in the file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from ...estimation.named_model import check_request
+from ...errors import Notice
+from ...estimation.named_model import Values, check_request
 from ...estimation.parametric import Fitted, fit_named
+from ...estimation.profile_likelihood import Interval
+from ...estimation.results import Refusal, Solved, refuse
 from ...experiment import Experiment, FloatArray
-from ...family import NoiseModel, Request, Simulate, Solution, Variant, make_solution
-from .beyond import (
-    BEYOND_HELP,
-    DECISIVE,
-    DECISIVE_HELD,
-    beyond_notice,
-    residual_to_noise,
-    with_derivatives,
+from ...family import (
+    NoiseModel,
+    ParameterSpec,
+    Quantity,
+    Request,
+    Simulate,
+    Solution,
+    Variant,
+    make_solution,
 )
-from .brackets import Bracket, bracket_levels, narrow_levels
+from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_errors import warn_of_held_noise, with_drive_errors
-from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Compared, DriveModel, axis_of
-from .options import BallScrewOptions
-from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
-from .stages import (
-    Stage,
-    excess_specs,
-    first_stages,
-    with_high_levels,
-    without_idle_levels,
-)
-from .stribeck import (
-    fastest,
-    inside_cells,
-    undetermined,
-    with_curve,
-    with_levels,
-    without_curve,
-    without_level,
-)
+from .levels import Bracket, find_levels, hold_levels, levels_of, refine_levels
+from .model import BREAKAWAY, EXCESS, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
+from .start import Stage, excess_specs, first_stage, without_idle_levels
+from .stribeck import fastest, undetermined, with_curve, without_level
 
 UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
     "break-away more than the static level does."
 )
-LOST_ROWS = (
-    "rows are missing from the log, between which the drive jumps: it is not known what it was "
-    "when the axis broke away."
-)
-_ELSEWHERE = (0.05, 0.2, 0.5)  # excess of a static level over the kinetic one
-_KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be known
 
 
 def fit_drive(
-    variant: Variant,
-    experiments: Sequence[Experiment],
-    request: Request[BallScrewOptions],
+    variant: Variant, experiments: Sequence[Experiment], request: Request[BallScrewOptions],
     simulate: Simulate,
-) -> Solution[BallScrewOptions]:
-    """Fit inertia and friction of a drive, in three stages; see :meth:`.Family.estimate`."""
+) -> Solution[BallScrewOptions]:  # fmt: skip
+    """Fit inertia and friction of a drive; see :meth:`.Family.estimate`."""
     check_request(variant.parameters, request)
-    axis = axis_of(variant)
     one_sided = request.options.viscous == "asymmetric"
-    stage = first_stages(variant, experiments, request, one_sided)
-    if request.options.stribeck == "none" or SPEED in request.fixed:
-        ready = _levels_and_forces(without_idle_levels(stage), request)
-        if ready.beyond and request.options.compared is None:
-            # a search that began beside a static level may never have broken away there
-            again = _levels_and_forces(with_high_levels(stage), request)
-            ready = ready if again.beyond else again
-        return _finish(_fit_position(variant, ready, request), variant, request, simulate)
-    units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
-    refusal = without_level(stage)
-    if refusal is None:
-        request.progress("looking for the fall of friction at low speed")
-        curve = without_idle_levels(with_curve(stage, request))
-        refusal = None if SPEED in request.bounds else without_curve(curve, units[0])
-    if refusal is None:
-        curved = _levels_and_forces(curve, request)
-        refusal = without_level(curved.stage)
-    if refusal is None:
-        found = _fit_position(variant, curved, request)
-        refusal = undetermined(found.fitted, fastest(experiments, axis), *units)
-    if refusal is None:
-        return _finish(found, variant, request, simulate)
-    plain = replace(without_idle_levels(stage), names=(*stage.names, SPEED)).refuse(refusal)
-    found = _fit_position(variant, _levels_and_forces(plain, request), request)
+    stage = first_stage(variant, experiments, request, one_sided)
+    request.progress("looking for the static levels")
+    stage, brackets = find_levels(stage)
+    plain = without_idle_levels(stage)
+    if request.options.stribeck == "estimate" and SPEED not in request.fixed:
+        units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
+        refusal = without_level(stage)
+        if refusal is None:
+            request.progress("looking for the fall of friction at low speed")
+            curve = without_idle_levels(with_curve(stage, request))
+            refusal = without_level(curve)
+        if refusal is None:
+            curve, _ = refine_levels(curve, levels_of(curve))
+            found = _fit_position(variant, curve, {}, request)
+            top = fastest(experiments, stage.axis)
+            refusal = undetermined(found.fitted, top, *units)
+        if refusal is None:
+            return _finish(found, variant, request, simulate)
+        plain = replace(plain, names=(*plain.names, SPEED)).refuse(refusal)
+    plain, brackets = refine_levels(plain, brackets)
+    found = _fit_position(variant, plain, brackets, request)
     return _finish(found, variant, request, simulate)
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """What is known before the last fit: brackets of static levels, and forces beyond the model."""
-
-    stage: Stage
-    brackets: Mapping[str, Bracket]
-    beyond: bool
 
 
 @dataclass(frozen=True)
 class _Found:
     """A finished fit of the position, and what was compared in it."""
 
-    ready: _Ready
+    stage: Stage
+    brackets: Mapping[str, Bracket]
     fitted: Fitted
     drive: DriveModel
     weights: Sequence[FloatArray]
 
+    @property
+    def beyond(self) -> bool:
+        """Whether forces beyond the model made speed and acceleration count as well."""
+        return bool(self.weights)
 
-def _fit_position(variant: Variant, ready: _Ready, request: Request[BallScrewOptions]) -> _Found:
-    """Fit the position, and speed and acceleration beside it where forces are beyond the model."""
-    stage, brackets, beyond = ready.stage, ready.brackets, ready.beyond
+
+def _fit_position(
+    variant: Variant, stage: Stage, brackets: Mapping[str, Bracket],
+    request: Request[BallScrewOptions],
+) -> _Found:  # fmt: skip
+    """Fit the position, and speed and acceleration beside it where forces are beyond the model.
+
+    Once these decide the instants of break-away, no level is left to bracket and it is refused.
+    """
+    request.progress("fitting positions")
+    opened = [BREAKAWAY[s] for s in stage.open_sides()]
+    inside = {} if stage.curved else {n: b for n, b in brackets.items() if n in opened}
+    begin, beyond = hold_levels(stage, inside), request.options.compared == "derivatives"
+    if request.options.compared is None:
+        ratio, begin = residual_to_noise(begin)
+        beyond = ratio > (DECISIVE_HELD if inside else DECISIVE)
     compared, weights = Compared(), list[FloatArray]()
     if beyond:
         request.progress("forces beyond the model: comparing speed and acceleration too")
-        compared, weights = with_derivatives(stage)
-    drive = DriveModel(stage.experiments, stage.axis, compared)
+        if stage.stepped:
+            inside, begin = {}, stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides())
+        compared, weights = with_derivatives(begin)
+    drive = DriveModel(begin.experiments, begin.axis, compared)
     model = replace(
-        drive.named(stage.names, weights),
-        sigma_floor=0.0 if beyond else stage.rounding,
-        channels=[compared.channels(e.samples) for e in stage.experiments],
+        drive.named(begin.names, weights),
+        sigma_floor=0.0 if beyond else begin.rounding,
+        channels=[compared.channels(e.samples) for e in begin.experiments],
     )
-    fit = partial(
-        fit_named,
+    fitted = fit_named(
         model,
         [*variant.parameters, *excess_specs(variant)],
-        replace(request, fixed=stage.fixed),
-        stage.unknowns,
-        refusals=stage.refusals,
-        sensible=_sensible(stage),
+        replace(request, fixed=begin.fixed, start={}),
+        begin.unknowns,
+        [begin.start],
+        refusals=begin.refusals,
+        sensible=_sensible(begin),
     )
-    fitted = fit([stage.start])
-    if lost := [s for s in stage.open_sides() if EXCESS[s] in fitted.refused]:
-        request.progress(f"looking again for the static levels: {', '.join(lost)}")
-        fitted = fit([stage.start, *_levels_elsewhere(fitted.values, lost)])
-    if brackets and stage.curved:
-        fitted, brackets = with_levels(fitted, model, drive, brackets), {}
-    return _Found(_Ready(stage, brackets, beyond), fitted, drive, weights)
+    return _Found(begin, inside, fitted, drive, weights)
 
 
 def _finish(
-    found: _Found,
-    variant: Variant,
-    request: Request[BallScrewOptions],
-    simulate: Simulate,
+    found: _Found, variant: Variant, request: Request[BallScrewOptions], simulate: Simulate
 ) -> Solution[BallScrewOptions]:
     """What stands in the file: levels for excesses, errors of the drive, and what to say."""
-    stage, drive, beyond = found.ready.stage, found.drive, found.ready.beyond
+    stage, drive, beyond = found.stage, found.drive, found.beyond
     experiments = stage.experiments
     fitted = in_levels(
         with_drive_errors(found.fitted, drive, experiments, found.weights, request.seed)
     )
-    solved = with_brackets(fitted, found.ready.brackets)
+    solved = with_brackets(fitted, found.brackets)
     parameters, order, covariance = solved.quantities(
         specs_of_file(variant, fitted.values, stage.resting)
     )
@@ -163,71 +141,21 @@ def _finish(
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
         *warn_of_held_noise(stage.axis, experiments),
-        *([beyond_notice(parameters)] if beyond else []),
+        *([beyond_notice(SPEED in parameters)] if beyond else []),
     ]
-    options = replace(request.options, compared="derivatives" if beyond else "position")
     return make_solution(
         simulate,
         experiments,
         variant,
-        options,
+        replace(request.options, compared="derivatives" if beyond else "position"),
         parameters,
         order,
         NoiseModel(covariance, solved.degrees),
         jacobians=[{variant.output.name: j} for j in fitted.sensitivity()],
         derived=derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit),
         notices=notices,
-        details={**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
+        details={**fitted.details(), **table, "stages": ["inverse dynamics", "levels", last]},
     )
-
-
-def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Ready:
-    """Bracket the static levels where that can be done, and weigh what the model leaves out.
-
-    Once forces beyond the model decide the instant of break-away, no level is left to
-    bracket and it is refused. A file says which of both it was.
-    """
-    request.progress("fitting positions")
-    known = request.options.compared
-
-    def weigh(at: Stage) -> tuple[float, Stage]:
-        return residual_to_noise(at) if known is None else (0.0, at)
-
-    brackets: dict[str, Bracket] = {}
-    held, stepped = stage, stage.stepped
-    if stepped and stage.curved and stage.open_sides() and known != "derivatives":
-        held, brackets = inside_cells(stage)
-    elif stepped and not stage.curved and known != "derivatives":
-        request.progress("bracketing the static levels")
-        held, brackets = bracket_levels(stage)
-    ratio, moved = weigh(held)
-    if brackets and ratio < BEYOND_HELP and not stage.curved:
-        held, brackets = narrow_levels(held, brackets)
-        ratio, moved = weigh(held)
-    beyond = known == "derivatives" or ratio > (DECISIVE_HELD if brackets else DECISIVE)
-    if brackets and not beyond and _unknown(stage):
-        excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
-                    if b in brackets}  # fmt: skip
-        return _Ready(stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False)
-    if not beyond:  # the last fit goes on from there, unless the curve was lost on the way
-        return _Ready(moved if moved.curved == held.curved else held, brackets, False)
-    if not stepped:
-        return _Ready(held, {}, True)
-    return _Ready(stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True)
-
-
-def _unknown(stage: Stage) -> bool:
-    """Whether rows were lost in which the drive may have been below or above a static level."""
-    levels = (stage.start[f"coulomb_{s}"] for s in SIDES)
-    return stage.unknown_drive > _KNOWN * min(levels)
-
-
-def _levels_elsewhere(
-    values: Mapping[str, float], sides: Sequence[str]
-) -> Iterator[dict[str, float]]:
-    """Starts beside a fit in which a static level slid to where no event shows it any more."""
-    for ratio in _ELSEWHERE:
-        yield {**values, **{EXCESS[s]: ratio * values[f"coulomb_{s}"] for s in sides}}
 
 
 def _sensible(stage: Stage) -> dict[str, float]:
@@ -243,3 +171,86 @@ def _sensible(stage: Stage) -> dict[str, float]:
         if n.startswith("initial_speed") or n == SPEED:
             out[n] = np.inf
     return {**out, stage.axis.inertia: stage.start[stage.axis.inertia]}
+
+
+def in_levels(fitted: Fitted) -> Fitted:
+    """Turn ``excess`` into ``breakaway = coulomb + excess``; covariance and slopes follow."""
+    level = {EXCESS[s]: BREAKAWAY[s] for s in SIDES}
+    # what was held high enough to rest is written as nothing
+    neutral = {n: float(fitted.specs[n].neutral or 0.0) for n in fitted.refused}
+    known = {**fitted.values, **neutral}
+    values = {n: v for n, v in known.items() if n not in level}
+    turn = np.eye(len(fitted.names))
+    for s in SIDES:
+        kinetic, excess = f"coulomb_{s}", EXCESS[s]
+        if excess in known:
+            values[BREAKAWAY[s]] = known[kinetic] + known[excess]
+        if {excess, kinetic} <= set(fitted.names):
+            turn[fitted.names.index(excess), fitted.names.index(kinetic)] = 1.0
+    back = np.linalg.inv(turn)
+    # what was held in the fit is an excess, or high enough to rest; the file has its own table
+    refusals = [replace(r, parameter=level.get(n, n), hold=None) for n, r in fitted.refused.items()]
+    return replace(
+        fitted,
+        names=tuple(level.get(n, n) for n in fitted.names),
+        values=values,
+        refused={r.parameter: r for r in refusals},
+        covariance=turn @ fitted.covariance @ turn.T,
+        solution=replace(fitted.solution, jacobian=[j @ back for j in fitted.solution.jacobian]),
+    )
+
+
+def with_brackets(solved: Solved, brackets: Mapping[str, Bracket]) -> Solved:
+    """Bracketed levels, which were held in the fit, among the estimates."""
+    size = len(solved.names)
+    found = {n: Interval(b.low, b.high, "bracket") for n, b in brackets.items()}
+    covariance = np.diag([0.0] * size + [b.std_error**2 for b in brackets.values()])
+    covariance[:size, :size] = solved.covariance
+    return replace(
+        solved,
+        names=(*solved.names, *brackets),
+        covariance=covariance,
+        fixed={n: v for n, v in solved.fixed.items() if n not in brackets},
+        intervals={**solved.intervals, **found},
+    )
+
+
+def specs_of_file(
+    variant: Variant, values: Mapping[str, float], resting: Mapping[str, float]
+) -> list[ParameterSpec]:
+    """Parameters of the file; a static level that is not known has one all the same.
+
+    The kinetic level is the least that it can be, and where nothing ever moved, the
+    strongest push that the axis withstood (``resting``, by direction).
+    """
+    neutral = {BREAKAWAY[s]: max(values[f"coulomb_{s}"], resting.get(s, 0.0)) for s in SIDES}
+    return [
+        replace(spec, neutral=neutral.get(spec.name, spec.neutral)) for spec in variant.parameters
+    ]
+
+
+def refusal_notices(
+    variant: Variant, refused: Mapping[str, Refusal], resting: Mapping[str, float]
+) -> list[Notice]:
+    """What was refused, in the words of the file."""
+    written = dict.fromkeys(BREAKAWAY.values(), "the kinetic level")
+    for s, push in resting.items():
+        if push > 0.0:
+            written[BREAKAWAY[s]] = "the strongest push that the axis withstood"
+    return [refuse(variant.parameter(n), r.reason, written.get(n, "")) for n, r in refused.items()]
+
+
+def derived_numbers(solved: Solved, inertia: str, unit: str) -> dict[str, Quantity]:
+    """Offset and mean of the kinetic levels [``unit``], and the time constant of coasting."""
+    coasts = solved.values.get("viscous", 0.0) > 0.0
+
+    def function(v: Values) -> Values:
+        forward, backward = (v[f"coulomb_{s}"] for s in SIDES)
+        levels = {
+            "coulomb_mean": 0.5 * (forward + backward),
+            "coulomb_offset": 0.5 * (forward - backward),
+        }
+        return {**levels, "time_constant": v[inertia] / v["viscous"]} if coasts else levels
+
+    units = {"coulomb_mean": unit, "coulomb_offset": unit, "time_constant": "s"}
+    return solved.derive(units, function)

@@ -6,7 +6,6 @@ the fit gives.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,6 +17,8 @@ from ...estimation.inputs import beyond_dead_zone
 from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated, UnmodelledEffect
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.held import HeldMass
 
 _EDGES = ("dead_zone_negative", "dead_zone_positive")
 Forces = tuple[list[FloatArray], float]
@@ -110,18 +111,13 @@ def _friction(
 ) -> FloatArray:
     """Force of Coulomb friction on a damped mass, at the samples, shape ``(n,)`` [N].
 
-    The mean force drives every step, ``v_k+1 = f + (v_k - f) e^(-h c / m)`` with
-    ``f = (F - friction sgn v) / c``; a mass that would turn with less force than friction stays.
+    The mean force is held over every step.
     """
+    body = HeldMass(mass, FrictionLaw(level, level, damping, damping))
     mean, lost = 0.5 * (force[1:] + force[:-1]), -np.expm1(-np.diff(time) * damping / mass)
     out = []
-    for push, share in zip(mean.tolist(), lost.tolist(), strict=True):
-        stays = abs(push) <= level
-        way = math.copysign(1.0, speed or push)
-        kept = speed * (1.0 - share)
-        new = kept + (push - way * level) / damping * share
-        if stays and (new * way < 0.0 or speed == 0.0):
-            new = 0.0
-        out.append(push - damping * (new - kept) / share)
+    for push, span, share in zip(mean.tolist(), np.diff(time).tolist(), lost.tolist(), strict=True):
+        _, new = body.advance(0.0, speed, push, span)
+        out.append(push - damping * (new - speed * (1.0 - share)) / share)
         speed = new
     return np.asarray(0.5 * (np.append(out, out[-1]) + np.insert(out, 0, out[0])))

@@ -1,13 +1,9 @@
-"""Where the fit of the position begins: inverse dynamics, then increments of position.
-
-What the logs cannot tell is refused on the way: sides at rest, levels that never broke away.
-"""
+"""Where a fit begins: inverse dynamics, and what the logs cannot tell in any case."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 
@@ -15,6 +11,7 @@ from ...errors import LogError
 from ...estimation.inputs import settled_hold
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
+from ...estimation.noise import noise_floor
 from ...estimation.problem import Problem, Solution, Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
@@ -30,11 +27,8 @@ from .model import (
     Compared,
     DriveModel,
     axis_of,
-    increments,
-    leading_parts,
 )
 
-_HIGH = 0.5  # of a kinetic level, above which a static one may be looked for
 _NEVER = "the axis never breaks away from rest in this direction."
 
 
@@ -96,20 +90,20 @@ class Stage:
         steps = [e.signals[self.axis.motion].resolution for e in self.experiments]
         return max(steps) / float(np.sqrt(12.0))
 
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the noise of the position [SI]."""
+        motions = [e[self.axis.motion] for e in self.experiments]
+        return max(self.rounding, *(noise_floor(y, robust=False) for y in motions))
+
     def open_sides(self) -> list[str]:
         """Directions whose static level is to be fitted and has not been refused."""
         refused = {r.parameter for r in self.refusals}
         return [s for s in SIDES if EXCESS[s] in self.names and EXCESS[s] not in refused]
 
-    def refuse_levels(
-        self, reason: str, sides: Collection[str], held: Mapping[str, float] | None = None
-    ) -> Stage:
-        """The stage with the static levels of some directions refused.
-
-        ``held`` are their excesses while the others are fitted, by direction; none by default.
-        """
-        new = [Refusal(EXCESS[s], reason, (held or {}).get(s, 0.0)) for s in sides]
-        return self.refuse(*new)
+    def refuse_levels(self, reason: str, sides: Collection[str]) -> Stage:
+        """The stage with the static levels of some directions refused."""
+        return self.refuse(*(Refusal(EXCESS[s], reason, 0.0) for s in sides))
 
     def refuse(self, *refusals: Refusal) -> Stage:
         """The stage with parameters refused."""
@@ -138,13 +132,11 @@ def excess_specs(variant: Variant) -> list[ParameterSpec]:
     return [replace(variant.parameter(BREAKAWAY[s]), name=EXCESS[s]) for s in SIDES]
 
 
-def first_stages(
-    variant: Variant,
-    experiments: Sequence[Experiment],
-    request: Request[FamilyOptions],
+def first_stage(
+    variant: Variant, experiments: Sequence[Experiment], request: Request[FamilyOptions],
     one_sided: bool,
-) -> Stage:
-    """Inverse dynamics and increments of position: where the fit of the position begins.
+) -> Stage:  # fmt: skip
+    """Inverse dynamics, and the sides at rest refused.
 
     ``one_sided`` asks for viscous friction by direction.
     """
@@ -157,20 +149,22 @@ def first_stages(
     specs = [*variant.parameters, *excess_specs(variant)]
     request.progress("inverse dynamics")
     guess = {**_inverse_dynamics(experiments, axis, viscous), **dict.fromkeys(given, 0.0)}
-    unknowns = make_unknowns(specs, names, guess, request, _search_limits(names, guess))
-    resting = _withstood(experiments, axis)
-    stage = Stage(experiments, axis, names, unknowns, guess, resting, dict(request.fixed))
-    unit = variant.role(axis.drive).unit
-    stage = replace(stage, refusals=tuple(_sides_at_rest(stage, unit)))
-    request.progress("fitting increments of position")
     moving = initial_speeds(experiments, axis)
-    start = {**_fit_increments(stage, request.start), **moving}
-    return replace(
-        stage,
-        names=(*names, *moving),
-        unknowns={**unknowns, **speed_unknowns(moving)},
-        start=start,
-    )
+    unknowns = {
+        **make_unknowns(specs, names, guess, request, _search_limits(names, guess)),
+        **speed_unknowns(moving),
+    }
+    asked = dict(request.start)
+    for s in SIDES:
+        if BREAKAWAY[s] in asked:
+            kinetic = asked.get(f"coulomb_{s}", guess[f"coulomb_{s}"])
+            asked[EXCESS[s]] = max(asked[BREAKAWAY[s]] - kinetic, 0.0)
+    resting = _withstood(experiments, axis)
+    stage = Stage(
+        experiments, axis, (*names, *moving), unknowns, {**guess, **moving, **asked}, resting,
+        dict(request.fixed),
+    )  # fmt: skip
+    return stage.refuse(*_sides_at_rest(stage, variant.role(axis.drive).unit))
 
 
 def without_idle_levels(stage: Stage) -> Stage:
@@ -184,12 +178,6 @@ def without_idle_levels(stage: Stage) -> Stage:
         return stage
     moved = {s for s, n in zip(SIDES, np.sum([m.breakaways for m in motions], axis=0)) if n}
     return stage.refuse_levels(_NEVER, [s for s in stage.open_sides() if s not in moved])
-
-
-def with_high_levels(stage: Stage) -> Stage:
-    """The stage with all static levels open that are not fixed, well above the kinetic ones."""
-    high = {EXCESS[s]: _HIGH * stage.start[f"coulomb_{s}"] for s in stage.open_sides()}
-    return replace(stage, start={**stage.start, **high})
 
 
 def _inverse_dynamics(
@@ -323,37 +311,3 @@ def follow(
     problem = bind(model.named([*values, *moving]), speed_unknowns(moving), values)
     found = solve(problem, np.array([*moving.values()]))
     return model, found, {**values, **dict(zip(moving, found.eta.tolist()))}
-
-
-def _fit_increments(stage: Stage, asked: Mapping[str, float]) -> dict[str, float]:
-    """Second stage: match increments of position from several break-away guesses.
-
-    ``asked`` is where the user says to start. It is one more candidate: it may be bad.
-    """
-    axis, held = stage.axis, stage.held
-    lively = sorted(stage.experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
-    part = leading_parts(lively)
-    problem = replace(stage, experiments=part).problem(increments(part, axis))
-    found = [
-        replace(stage, start=first).solve(problem, max_iterations=12, tolerance=0.05)
-        for first in _candidates(stage.start, asked, held)
-    ]
-    best = min(found, key=lambda s: s.cost)
-    if not best.converged:
-        best = solve(problem, best.eta, max_iterations=30, tolerance=0.05)
-    return {**held, **values_at(problem, best.eta)}
-
-
-def _candidates(
-    guess: Mapping[str, float], asked: Mapping[str, float], held: Mapping[str, float]
-) -> Iterator[dict[str, float]]:
-    """Starts with small and large static levels in either direction."""
-    bases = [(guess, {}), ({**guess, **asked}, asked)] if asked else [(guess, {})]
-    for (base, own), *ratios in product(bases, (0.05, 0.6), (0.05, 0.6)):
-        first = {**base, **held}
-        for s, ratio in zip(SIDES, ratios):
-            kinetic = first[f"coulomb_{s}"]
-            first[EXCESS[s]] = ratio * kinetic
-            if BREAKAWAY[s] in own:
-                first[EXCESS[s]] = max(own[BREAKAWAY[s]] - kinetic, 0.0)
-        yield first
