@@ -16,7 +16,7 @@ from ...estimation.uncertainty import Uncertainty, enlarge, score_covariance
 from ...experiment import BoolArray, FloatArray
 from .gray_box import SLOPES, GrayBox, GrayLog
 
-_TOLERANCE = (1e-5, 1e-2)  # standard errors, of initial states alone and beside parameters
+_TOLERANCE = 1e-2  # standard errors
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
@@ -231,7 +231,7 @@ def _descend(begin: _Point, max_iterations: int) -> GraySolution:
         evaluate, slopes,
         np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size,
         (np.append(low / scales, -open_end), np.append(high / scales, open_end)),
-        rows=problem.rows, tolerance=_TOLERANCE[p > 0], max_iterations=max_iterations,
+        rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
     return GraySolution(problem, found.point, found.iterations, found.converged)
 
