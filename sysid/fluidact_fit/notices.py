@@ -397,7 +397,7 @@ _FAMILIES = {
         "Choose another `--degree` or number of `--hidden` units, or record more data there.",
     ),
     "one-direction": _warning(
-        "The reading of a potentiometer moves one way only, so that play and delays stay unseen.",
+        "The input of a static map moves one way only: play, hysteresis and delays stay unseen.",
         "Record strokes to and fro, in the order in which they were made.",
     ),
     "rails": _information(

@@ -191,7 +191,7 @@ def test_the_bound_holds_and_is_not_absurd(family: str, arithmetic: str, as_c: A
         wanted, _ = model(c, exact)
         worst = np.abs(found - wanted).max()
         assert worst <= c.bound, c.routine.name
-        if not c.routine.keeps:
+        if not c.routine.keeps and not Function.of(c.routine, "x").error.jump:
             assert c.bound <= LOOSE * worst, c.routine.name
 
 

@@ -85,6 +85,7 @@ def close(found: Array, wanted: Array) -> None:
 
 SHOWN = {
     "cylinder-friction": ("friction",),
+    "flow-map": ("flow", "command_for", "flow_at_reference"),
     "force-map": ("map",),
     "hydraulic-cylinder": ("flow_1", "flow_2", "friction"),
     "hydraulic-motor": ("speed",),

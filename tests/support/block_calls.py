@@ -26,6 +26,13 @@ CALLS: Mapping[str, Mapping[str, Callable[[Any, Mapping[str, Array]], Any]]] = {
             lambda x, s: float(b(x, 1.0 / s)), v["velocity"], v["steepness"] + 1e-9
         ),
     },
+    "flow-map": {
+        "flow": lambda b, v: b(v["command"], v["pressure_drop"]),
+        "command_for": lambda b, v: b.inverse(v["flow"], clamp=True),
+        "flow_at_reference": lambda b, v: (
+            v["flow"] / np.sqrt(v["pressure_drop"] / b.reference_pressure)
+        ),
+    },
     "force-map": {"map": lambda b, v: b(**v)},
     "hydraulic-cylinder": {
         "flow_1": lambda b, v: b.flow(1, v["command"], v["pressure_1"]),

@@ -47,6 +47,10 @@ _REGISTRY = {
         "hydraulic_motor.family:HydraulicMotor",
         "Hydraulic motor: dead zone, saturation, hysteresis and time constant",
     ),
+    "flow-map": (
+        "flow_map:FlowMap",
+        "Flow map: dead band, gains, leakage and saturation of a proportional valve",
+    ),
 }
 
 

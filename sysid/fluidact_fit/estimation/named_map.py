@@ -1,0 +1,200 @@
+"""Static maps whose unknowns are named numbers: fit, refuse what is not determined, fit again.
+
+A family gives its equation as a plain function of named values, analytic in them, and says where
+a search begins; derivatives are taken by complex steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..experiment import Array, FloatArray
+from ..rows import by_rows
+from ..specification import ParameterSpec, Request
+from .map import (
+    DirectionEffect,
+    MapFit,
+    MapRows,
+    Misfit,
+    excess_tail,
+    find_direction_effect,
+    find_misfit,
+    find_uncertainty,
+    fit_map,
+)
+from .results import Refusal, Solved, determine, left_open
+
+Law = Callable[[Mapping[str, Any], FloatArray], Array]
+_AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
+
+
+@dataclass(frozen=True)
+class NamedMap:
+    """A :class:`.map.MapModel` of named values; ``held`` ones are known.
+
+    ``law(values, x)`` is the map at inputs ``(n, inputs)``, shape ``(n,)``, analytic in the values.
+    """
+
+    law: Law
+    names: tuple[str, ...]
+    held: Mapping[str, float]
+    limits: Mapping[str, tuple[float, float]]
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Limits of the free values."""
+        low, high = np.array([self.limits[n] for n in self.names]).reshape(-1, 2).T
+        return low, high
+
+    def values(self, theta: Array) -> dict[str, Any]:
+        """All values by name."""
+        return {**self.held, **dict(zip(self.names, theta))}
+
+    def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
+        """The map."""
+        return np.asarray(self.law(self.values(theta), x), dtype=float)
+
+    def slopes(self, theta: FloatArray, x: FloatArray) -> FloatArray:
+        """Derivatives by the free values."""
+        step, out = 1e-30, np.zeros((x.shape[0], theta.size), order="F")
+        for k in range(theta.size):
+            moved = theta.astype(complex)
+            moved[k] += 1j * step
+            out[:, k] = np.imag(self.law(self.values(moved), x)) / step
+        return out
+
+
+@dataclass(frozen=True)
+class NamedRows:
+    """Samples of all logs: inputs ``(n, inputs)`` and output ``(n,)``, cut at ``ends`` by log.
+
+    Samples that are ``in_order`` follow one another in time.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    ends: tuple[int, ...]
+    in_order: bool
+
+    def by_log(self, values: Array) -> list[Array]:
+        """Rows of every log."""
+        return np.split(values, self.ends[:-1])
+
+    @property
+    def rows(self) -> MapRows:
+        """The same for a fit."""
+        return MapRows(self.x, self.y, np.broadcast_to(1.0, self.y.shape))
+
+
+@dataclass(frozen=True)
+class NamedFit:
+    """A finished fit: values with covariance, notices of refusals, and what it leaves.
+
+    ``jacobian`` has a column for each of ``solved.names``, shape ``(n, q)``.
+    """
+
+    solved: Solved
+    notices: list[Any]
+    fit: MapFit
+    data: NamedRows
+    jacobian: FloatArray
+    misfit: Misfit | None
+
+    @property
+    def residual(self) -> FloatArray:
+        """What the map leaves, shape ``(n,)``."""
+        return self.data.y - self.fit.model.value(self.fit.theta, self.data.x)
+
+    def direction_effect(self, rising: FloatArray) -> DirectionEffect:
+        """Difference between rising and falling inputs; ``rising`` is 0 to 1, shape ``(n,)``."""
+        parts = (self.data.by_log(v) for v in (self.jacobian, self.residual, rising))
+        return find_direction_effect(*parts)
+
+
+def fit_named_map(
+    law: Law,
+    specs: Sequence[ParameterSpec],
+    data: NamedRows,
+    starts: Callable[[Mapping[str, float]], Sequence[Mapping[str, float]]],
+    limits: Mapping[str, tuple[float, float]],
+    request: Request[Any],
+    *,
+    sensible: Mapping[str, float],
+    refusals: Sequence[Refusal] = (),
+    optional: Sequence[Refusal] = (),
+) -> NamedFit:
+    """Fit a map of named values.
+
+    Parameters
+    ----------
+    starts
+        ``starts(held)`` gives values to begin at.
+    limits
+        Lowest and highest values of the map's domain; those of ``request`` are kept as well.
+    sensible
+        Half-width beyond which a 95 % interval is useless; see :func:`.results.left_open`.
+    refusals
+        Parameters that no sample tells anything of.
+    optional
+        Parts that are in the map only where the data demand them, held as they say otherwise.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When a parameter without a neutral value is undetermined.
+    """
+    table = {s.name: s for s in specs}
+    ranges = {
+        n: tuple(np.clip(limits.get(n, (-np.inf, np.inf)), s.minimum, s.maximum))
+        for n, s in table.items()
+    }
+    for name, (low, high) in request.bounds.items():
+        ranges[name] = (max(low, ranges[name][0]), min(high, ranges[name][1]))
+
+    def solve(held: Mapping[str, float]) -> MapFit:
+        names = tuple(n for n in table if n not in held)
+        model = NamedMap(law, names, held, ranges)
+        begin = [{**s, **request.start} for s in starts(held)]
+        return fit_map(model, data.rows, [np.array([s[n] for n in names]) for s in begin])
+
+    def needed(found: MapFit, refusal: Refusal, held: Mapping[str, float]) -> bool:
+        simple = solve({**held, refusal.parameter: refusal.value(table[refusal.parameter])})
+        extra = found.theta.size - simple.theta.size
+        tail = excess_tail(simple.cost, found.cost, extra, data.y.size, found.theta.size)
+        return tail < _AT_ODDS
+
+    given = {r.parameter for r in refusals} | set(request.fixed)
+    known = {r.parameter: r.value(table[r.parameter]) for r in refusals} | dict(request.fixed)
+    out = list(refusals)
+    for part in optional:
+        if part.parameter not in given and not needed(solve(known), part, known):
+            known[part.parameter] = part.value(table[part.parameter])
+            out.append(part)
+
+    def finish(held: Mapping[str, float]) -> NamedFit:
+        found = solve(held)
+        model = NamedMap(law, tuple(n for n in table if n not in held), held, ranges)
+        # a value on a bound has a derivative to one side, and an interval that the bound cuts
+        jacobian = by_rows(lambda x: model.slopes(found.theta, x), data.x)
+        rest = data.rows.residual(found)
+        misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
+        spread = find_uncertainty(
+            data.by_log(jacobian), data.by_log(rest), misfit, 0.0, data.in_order
+        )
+        solved = Solved(
+            model.values(found.theta), model.names, spread.covariance, spread.degrees,
+            request.fixed, independent=spread.independent,
+        )  # fmt: skip
+        return NamedFit(solved, [], found, data, jacobian, misfit)
+
+    ended = determine(
+        finish, lambda f: left_open(f.solved, table, sensible), table,
+        fixed=request.fixed, refusals=out,
+    )  # fmt: skip
+    last = ended.solution
+    solved = replace(last.solved, refused=dict(ended.refused))
+    return replace(last, solved=solved, notices=ended.notices)

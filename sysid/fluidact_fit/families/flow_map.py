@@ -1,0 +1,514 @@
+"""Flow map of a proportional valve: steady flow, or speed, over the command.
+
+    flow = q(command) sqrt(|pressure_drop| / reference) sign(pressure_drop)
+    q = gain_positive x (1 + curvature x) + leakage fade,      x = min(u, s+) - d+ >= 0
+    q = -gain_negative x (1 + curvature x) + leakage fade,     x = d- - max(u, s-) >= 0
+
+and the leakage alone between the edges ``d-``, ``d+`` of the dead band (overlap of the spool); it
+fades beyond either edge over the overlap of that side and ``2 |leakage| / gain``, so that the map
+stays monotone [1]_. Without a pressure drop the second factor is one. The inverse is exact: a
+quadratic on each side, with a jump across the band.
+
+References
+----------
+.. [1] H. E. Merritt, Hydraulic Control Systems, 1967, section 5.4: flow gain, overlap and
+   leakage of spool valves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..block import Block
+from ..errors import Notice, NotIdentifiedError
+from ..estimation.motion_state import choose_dead_band, held_direction
+from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
+from ..estimation.named_model import check_request
+from ..estimation.results import Refusal
+from ..experiment import Array, Experiment, FloatArray, Hold
+from ..family import (
+    Curve,
+    Excitation,
+    Family,
+    FamilyOptions,
+    NoiseModel,
+    ParameterDocument,
+    ParameterSpec,
+    Plant,
+    Request,
+    Role,
+    Simulated,
+    Solution,
+    StaticView,
+    Variant,
+    make_solution,
+)
+from ..options import number
+from ..routines import (
+    Argument,
+    Draft,
+    Expression,
+    Routine,
+    by_sign,
+    choose,
+    constant,
+    maximum,
+    minimum,
+    sqrt,
+)
+
+Values = Mapping[str, Any]
+SIDES = (("positive", 1.0), ("negative", -1.0))
+
+
+@dataclass(frozen=True)
+class FlowMapOptions(FamilyOptions):
+    """At which pressure drop the gains hold; settled by the fit where it was recorded."""
+
+    reference_pressure: float | None = number(
+        help="pressure drop at which the gains hold (default: the median of the log's)",
+        unit="Pa", minimum=1e-9,
+    )  # fmt: skip
+
+
+def _sides(v: Values) -> list[tuple[float, Any, Any, Any, Any]]:
+    """Sign, edge, reach of the opening, gain and leakage of both sides, as if positive."""
+    return [
+        (
+            sign, sign * v[f"dead_band_{side}"],
+            sign * (v[f"saturation_{side}"] - v[f"dead_band_{side}"]),
+            v[f"gain_{side}"], sign * v["leakage"],
+        )
+        for side, sign in SIDES
+    ]  # fmt: skip
+
+
+def _fade_width(edge: Any, gain: Any, leak: Any) -> Any:
+    return edge + 2.0 * leak * np.sign(np.real(leak)) / (gain + 1e-300) + 1e-300
+
+
+def valve_flow(command: npt.ArrayLike, v: Values) -> Array:
+    """Flow at the reference pressure drop, analytic in the values.
+
+    Parameters
+    ----------
+    command : (...)
+        [V]
+    v
+        Parameters by name [SI].
+
+    Returns
+    -------
+    (...) [unit of the flow]
+    """
+    u = np.asarray(command, dtype=float)
+    total = v["leakage"] + 0.0 * u
+    for sign, edge, reach, gain, leak in _sides(v):
+        reach = reach * (np.real(reach) > 0.0)
+        beyond = np.where(sign * u > np.real(edge), sign * u - edge, 0.0)
+        x = np.where(np.real(beyond) < np.real(reach), beyond, reach * (np.real(beyond) > 0.0))
+        fade = x / _fade_width(edge, gain, leak)
+        faded = np.where(np.real(fade) < 1.0, fade, 1.0)
+        total = total + sign * (gain * x * (1.0 + v["curvature"] * x) - leak * faded)
+    return np.asarray(total)
+
+
+def valve_command(flow: npt.ArrayLike, v: Values) -> FloatArray:
+    """Command for a flow at the reference pressure drop; cut at the saturations.
+
+    The inverse of :func:`valve_flow`; it jumps across the dead band at the leakage.
+    """
+    q = np.asarray(flow, dtype=float)
+    out = np.clip(0.0, v["dead_band_negative"], v["dead_band_positive"]) + 0.0 * q
+    for sign, edge, reach, gain, leak in _sides(v):
+        wanted, width = sign * q, _fade_width(edge, gain, leak)
+        near = _opening(wanted - leak, gain - leak / width, gain * v["curvature"])
+        x = np.where(near <= width, near, _opening(wanted, gain, gain * v["curvature"]))
+        out = np.where(wanted > leak, sign * (edge + np.clip(x, 0.0, max(reach, 0.0))), out)
+    return out
+
+
+def _opening(rest: FloatArray, slope: float, bend: float) -> FloatArray:
+    """Root of ``bend x^2 + slope x = rest`` that is zero where the rest is."""
+    root = np.sqrt(np.maximum(slope**2 + 4.0 * bend * np.maximum(rest, 0.0), 0.0))
+    return np.asarray(2.0 * np.maximum(rest, 0.0) / (slope + root + 1e-300))
+
+
+def _pressure_factor(drop: FloatArray, reference: float) -> FloatArray:
+    return np.asarray(np.sign(drop) * np.sqrt(np.abs(drop) / reference))
+
+
+def _law(v: Values, x: FloatArray) -> Array:
+    return valve_flow(x[:, 0], v) * x[:, 1]
+
+
+def _side_specs(side: str, sign: float) -> tuple[ParameterSpec, ...]:
+    ramp = f"Record a slow ramp of the command from zero to its {side} end."
+    spec = partial(ParameterSpec, neutral=0.0)
+    low, high = (0.0, np.inf) if sign > 0.0 else (-np.inf, 0.0)
+    return (
+        spec(f"dead_band_{side}", "V", f"{side} edge of the dead band", remedy=ramp,
+             ratio=("command", "1"), minimum=low, maximum=high),
+        spec(f"gain_{side}", "m3/s/V", f"flow per command just beyond the {side} edge",
+             minimum=0.0, remedy=ramp, ratio=("flow", "command")),
+        spec(f"saturation_{side}", "V", f"{side} command beyond which the flow grows no more",
+             remedy=f"Raise the {side} command until the flow grows no more.",
+             ratio=("command", "1"), minimum=low, maximum=high),
+    )  # fmt: skip
+
+
+_PARAMETERS = (
+    *_side_specs("negative", -1.0),
+    *_side_specs("positive", 1.0),
+    ParameterSpec(
+        "curvature", "1/V", "growth of the flow gain with the opening, of both sides", 0.0,
+        remedy="Record three commands or more on a side, far apart.", ratio=("1", "command"),
+    ),
+    ParameterSpec(
+        "leakage", "m3/s", "flow inside the dead band", 0.0,
+        remedy="Hold commands inside the dead band.", ratio=("flow", "1"),
+    ),
+)  # fmt: skip
+
+
+class FlowMap(Family[FlowMapOptions]):
+    """Steady flow of a proportional valve: dead band, gains, curvature, leakage, saturation."""
+
+    name = "flow-map"
+    title = "Flow map: dead band, gains, leakage and saturation of a proportional valve"
+    equation = (
+        "flow = q(command) sqrt(|pressure_drop| / reference_pressure) sign(pressure_drop), "
+        "q = +-gain x (1 + curvature x) + leakage fade(x), x = opening beyond the dead band, "
+        "up to saturation"
+    )
+    variants = (
+        Variant(
+            "flow-map",
+            (
+                Role("time", "s", "time of each sample", required=False),
+                Role("command", "V", "command of the valve", hold="zoh", alternatives=("A", "1")),
+                Role("pressure_drop", "Pa", "pressure drop over the valve", required=False,
+                     hold="zoh"),
+                Role("flow", "m3/s", "steady flow, or speed of the actuator", output=True,
+                     alternatives=("m/s", "rad/s", "V", "1")),
+            ),
+            _PARAMETERS,
+        ),
+    )  # fmt: skip
+    options_type = FlowMapOptions
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[FlowMapOptions]
+    ) -> Solution[FlowMapOptions]:
+        """Fit the map; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        options = request.options
+        if not all("pressure_drop" in e for e in experiments):
+            options = replace(options, reference_pressure=None)
+        elif options.reference_pressure is None:
+            drops = np.abs(np.concatenate([e.sampled("pressure_drop") for e in experiments]))
+            options = replace(options, reference_pressure=float(np.median(drops)))
+        data = _gather(experiments, options)
+        u, q = data.x[:, 0], data.y / np.where(data.x[:, 1] == 0.0, np.inf, data.x[:, 1])
+        most, largest = float(np.abs(u).max()), float(np.abs(q).max())
+        limits = {
+            "curvature": (-0.5 / most, np.inf), "leakage": (-largest, largest),
+            "saturation_positive": (0.0, most), "saturation_negative": (-most, 0.0),
+        }  # fmt: skip
+        found = fit_named_map(
+            _law, variant.parameters, data, lambda held: _starts(u, q, held), limits, request,
+            sensible={
+                "dead_band_positive": 0.3 * most, "dead_band_negative": 0.3 * most,
+                "saturation_positive": 0.5 * most, "saturation_negative": 0.5 * most,
+                "curvature": 1.0 / most, "leakage": 0.05 * largest,
+            },
+            refusals=_never_recorded(u, q), optional=_unsaturated(u),
+        )  # fmt: skip
+        parameters, order, matrix = found.solved.quantities(
+            variant.parameters, experiments[0].units
+        )
+        slopes = [{"flow": j} for j in data.by_log(found.jacobian)]
+        return make_solution(
+            self.simulate, experiments, variant, options, parameters, order,
+            NoiseModel(matrix, found.solved.degrees, found.solved.independent),
+            jacobians=slopes,
+            notices=[*found.notices, *_notices(found, experiments[0].units["flow"], most)],
+            details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        plant: Plant[FlowMapOptions],
+        experiments: Sequence[Experiment],
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Flow from command and pressure drop; see :meth:`Family.simulate`."""
+        return [Simulated(_law(plant.numbers, _inputs(e, plant.options))) for e in experiments]
+
+    def model(self, plant: Plant[FlowMapOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
+        """Flows at the edges, saturations and midway: they change with every parameter."""
+        v = plant.numbers
+        ends = [v[f"saturation_{side}"] for side, _ in SIDES]
+        edges = [v[f"dead_band_{side}"] for side, _ in SIDES]
+        middle = [0.5 * (a + b) for a, b in zip(ends, edges)]
+        commands = sorted([*ends, *edges, *middle])
+        return {"curve": {"command": commands, "flow": valve_flow(commands, v).tolist()}}
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Commands to hold; see :meth:`Family.excitation`."""
+        return Excitation("points")
+
+    def static_view(
+        self,
+        plant: Plant[FlowMapOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> StaticView:
+        """Flow over command, and the map at the reference pressure drop."""
+        data, units = _gather(experiments, plant.options), experiments[0].units
+        u = data.x[:, 0]
+        line, reference = np.linspace(u.min(), u.max(), 500), plant.options.reference_pressure
+        label = f"flow map at {1e-5 * reference:.3g} bar" if reference else "flow map"
+        return StaticView(
+            "command", units["command"], "flow", units["flow"], u, data.y,
+            np.concatenate([s.output for s in simulated]), np.isfinite(data.y),
+            [Curve(label, line, np.real(valve_flow(line, plant.numbers)))],
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> FlowMapBlock:
+        """Return the map and its inverse."""
+        return FlowMapBlock(document, variant)
+
+
+# ------------------------------------------------------------------------ data and refusals
+
+
+def _inputs(e: Experiment, options: FlowMapOptions) -> FloatArray:
+    """Command and pressure factor, 1 where no pressure drop is known, shape ``(n, 2)``."""
+    u, reference = e.sampled("command"), options.reference_pressure
+    if reference is None or "pressure_drop" not in e:
+        return np.column_stack((u, np.ones(u.size)))
+    return np.column_stack((u, _pressure_factor(e.sampled("pressure_drop"), reference)))
+
+
+def _gather(experiments: Sequence[Experiment], options: FlowMapOptions) -> NamedRows:
+    x = np.vstack([_inputs(e, options) for e in experiments])
+    y = np.concatenate([e.sampled("flow") for e in experiments])
+    ends = tuple(np.cumsum([e.samples for e in experiments]).tolist())
+    steps = np.sign(np.diff(x[:, 0]))
+    timed = all(e.time.size > 0 for e in experiments)
+    return NamedRows(x, y, ends, timed or bool((steps > 0.0).any() and (steps < 0.0).any()))
+
+
+def _starts(u: FloatArray, q: FloatArray, held: Mapping[str, float]) -> list[dict[str, float]]:
+    """Dead bands and saturations at several shares of the commands."""
+    out = []
+    for share, top in ((0.02, 1.0), (0.1, 1.0), (0.25, 1.0), (0.05, 0.8), (0.15, 0.6)):
+        start = {"curvature": 0.0, "leakage": 0.0}
+        for side, sign in SIDES:
+            end = max(float((sign * u).max()), 0.0)
+            there = sign * u > share * end
+            slopes = sign * q[there] / (sign * u[there] - share * end)
+            slope = float(np.median(slopes)) if slopes.size else 0.0
+            start |= {
+                f"dead_band_{side}": sign * share * end, f"gain_{side}": max(slope, 0.0),
+                f"saturation_{side}": sign * top * end,
+            }  # fmt: skip
+        out.append(start | dict(held))
+    return out
+
+
+def _never_recorded(u: FloatArray, q: FloatArray) -> list[Refusal]:
+    """Refuse the numbers of a side to which the command never goes."""
+    out, ends = [], []
+    for side, sign in SIDES:
+        beyond, end = int(np.count_nonzero(sign * u > 0.0)), float((sign * u).max())
+        if beyond < 3:
+            reason = f"the command is never {side}."
+            out += [
+                Refusal(f"{name}_{side}", reason, hold)
+                for name, hold in (("dead_band", 0.0), ("gain", 0.0), ("saturation", 0.0))
+            ]
+        else:
+            ends.append(end)
+    if not ends or np.ptp(q) == 0.0:
+        raise NotIdentifiedError(
+            "the data cannot determine any gain: command or flow never changes.",
+            expected="Nothing was written.",
+            remedy="Record a slow ramp of the command from one end to the other.",
+        )
+    return out
+
+
+def _unsaturated(u: FloatArray) -> list[Refusal]:
+    """Saturations, held at the last command recorded unless the data demand another."""
+    return [
+        Refusal(
+            f"saturation_{side}", "the flow grows up to the last command that was recorded.",
+            sign * max(float((sign * u).max()), 0.0),
+        )
+        for side, sign in SIDES
+    ]  # fmt: skip
+
+
+def _notices(found: NamedFit, unit: str, most: float) -> list[Notice]:
+    """Warn of a map that misses, and of flows that differ between rising and falling commands."""
+    out, data = [], found.data
+    span, misfit = float(np.ptp(data.y)), found.misfit
+    if misfit is not None and misfit.probability < 1e-6 and misfit.matters(5e-3 * span):
+        text = (
+            f"the map misses the flow by {misfit.rms:.3g} {unit} (RMS), while samples beside each "
+            f"other scatter by {np.sqrt(misfit.within):.3g}, most of all at a command of "
+            f"{misfit.worst:.4g}: the valve has another shape. Look at the picture (--plot)."
+        )
+        out.append(Notice("curve-misses", text))
+    rising = np.concatenate([
+        0.5 + 0.5 * held_direction(u, max(choose_dead_band(u), 1e-3 * most))
+        for u in data.by_log(data.x[:, 0])
+    ])  # fmt: skip
+    ways = sorted((np.count_nonzero(rising > 0.9), np.count_nonzero(rising < 0.1)))
+    if ways[1] > 0.9 * rising.size:
+        text = (
+            "the command moves in one direction only: hysteresis of the spool cannot be seen, and "
+            "the map holds for this direction. Ramp the command up and down."
+        )
+        out.append(Notice("one-direction", text))
+    elif ways[0] >= 10:
+        effect = found.direction_effect(rising)
+        if effect.matters(2e-3 * span):
+            text = (
+                f"the flow differs by {effect.width:.3g} {unit} between rising and falling "
+                f"commands, while each direction scatters by {effect.scatter:.3g}: hysteresis of "
+                "the spool, or a flow that lags behind a ramp. Ramp more slowly, or hold commands."
+            )
+            out.append(Notice("directions-differ", text))
+    return out
+
+
+# --------------------------------------------------------------------- what a controller runs
+
+
+class FlowMapBlock(Block):
+    """Flow of a command, and the command for a wanted flow, which jumps over the dead band."""
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        super().__init__(document, variant)
+        # what the data never reached is not needed: the map ends with them
+        low, high = self.validity["command"][:2]
+        beyond = [f"saturation_{side}" for side, _ in SIDES]
+        for side, end in (("positive", high), ("negative", -low)):
+            beyond += [f"{kind}_{side}" for kind in ("dead_band", "gain") if end <= 0.0]
+        self.accept([n for n in beyond if n in self.not_identified])
+
+    @property
+    def _values(self) -> dict[str, float]:
+        return self.numbers()
+
+    @property
+    def reference_pressure(self) -> float | None:
+        """Pressure drop at which the gains hold [Pa]; ``None`` where it was not recorded."""
+        return self.document.settled_options(FlowMapOptions).reference_pressure
+
+    def _factor(self, pressure_drop: npt.ArrayLike | None) -> npt.ArrayLike:
+        if pressure_drop is None or self.reference_pressure is None:
+            return 1.0
+        return _pressure_factor(np.asarray(pressure_drop, dtype=float), self.reference_pressure)
+
+    def __call__(
+        self, command: npt.ArrayLike, pressure_drop: npt.ArrayLike | None = None
+    ) -> float | FloatArray:
+        """Flow [its unit] at a command [V]; at the reference pressure drop where none is given."""
+        self.watch(command=command)
+        factor = self._factor(pressure_drop)
+        q = np.asarray(np.real(valve_flow(command, self._values)) * factor, dtype=float)
+        return float(q) if q.ndim == 0 else q
+
+    def inverse(
+        self,
+        flow: npt.ArrayLike,
+        pressure_drop: npt.ArrayLike | None = None,
+        *,
+        clamp: bool = False,
+    ) -> float | FloatArray:
+        """Command [V] for a wanted flow: the compensation that stands before the valve.
+
+        At the leakage itself it is the command nearest zero inside the dead band.
+
+        Raises
+        ------
+        ValueError
+            When a flow lies beyond what the saturations give, unless clamped.
+        """
+        v = self._values
+        q = np.asarray(flow, dtype=float) / self._factor(pressure_drop)
+        ends = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
+        slack = 1e-9 * (max(ends) - min(ends))
+        if not clamp and not np.all((q >= min(ends) - slack) & (q <= max(ends) + slack)):
+            raise ValueError(
+                f"a flow beyond {min(ends):g} to {max(ends):g}, what the saturations give at the "
+                "reference pressure drop. Give clamp=True to take the end of the range."
+            )
+        u = valve_command(q, v)
+        return float(u) if u.ndim == 0 else u
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Flow of a recording; see :meth:`.Block.predict`."""
+        options = self.document.settled_options(FlowMapOptions)
+        return np.asarray(np.real(_law(self._values, _inputs(experiment, options))))
+
+    def routines(self) -> Sequence[Routine]:
+        """Flow of a command; the command for a flow at the reference pressure drop; that flow."""
+        v, unit, reference = self._values, self.output.unit, self.reference_pressure
+        command = self.argument("command", "command of the valve")
+        flows = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
+        about = "wanted flow" if reference is None else "wanted flow at the reference pressure drop"
+        wanted = Argument("flow", unit, about, min(flows), max(flows), recorded=False)
+        forward = Draft("flow", "Steady flow of a command.", unit)
+        back = Draft("command_for", "Command for a steady flow.", command.unit)
+        u, q, leakage = forward.argument(command), back.argument(wanted), v["leakage"]
+        low, high = v["dead_band_negative"], v["dead_band_positive"]
+        total: Expression = constant("leakage", leakage)
+        found = by_sign(q - leakage, high, low, float(np.clip(0.0, low, high)), jumps=True)
+        for (side, _), (sign, edge, reach, gain, leak) in zip(SIDES, _sides(v)):
+            width, bend = float(_fade_width(edge, gain, leak)), gain * v["curvature"]
+            top = constant(f"reach_{side}", max(reach, 0.0))
+            x = forward.let(f"opening_{side}", minimum(maximum(sign * u - edge, 0.0), top))
+            faded = minimum(x * constant(f"per_fade_{side}", 1.0 / width), 1.0)
+            total = total + sign * (x * (gain + bend * x) - leak * faded)
+            if gain <= 0.0:
+                continue  # a side that was never opened gives no flow, whatever the command
+            beyond = maximum(sign * q - leak, 0.0)
+            near = back.let(f"near_{side}", _root_of(beyond, gain - leak / width, bend))
+            far = _root_of(maximum(sign * q, 0.0), gain, bend)
+            found = found + sign * minimum(choose(near, ">", width, far, near), top)
+        if reference is None:
+            return forward.returns(total), back.returns(found)
+        drop = self.argument("pressure_drop", "pressure drop over the valve")
+        scale = Draft("flow_at_reference", "Flow that a wanted one is at the reference.", unit)
+        asked = scale.argument(replace(wanted, about="wanted flow"))
+        return (
+            forward.returns(total * _factor_of(forward.argument(drop), drop, reference)),
+            back.returns(found),
+            scale.returns(asked / _factor_of(scale.argument(drop), drop, reference)),
+        )
+
+
+def _factor_of(drop: Expression, known: Argument, reference: float) -> Expression:
+    """Square root of the pressure ratio with its sign, over the range of the data."""
+    least = max(known.low, -known.high, 1e-4 * reference)  # what one divides by is not zero
+    size = sqrt(maximum(abs(drop), least) * constant("per_reference", 1.0 / reference))
+    if known.low > 0.0:
+        return size
+    return -size if known.high < 0.0 else by_sign(drop, size, -size)
+
+
+def _root_of(rest: Expression, slope: float, bend: float) -> Expression:
+    """Root of ``bend x^2 + slope x = rest`` for a rest that is not negative."""
+    x = rest * (1.0 / slope)  # where nothing bends
+    return 2.0 * x / (sqrt(maximum(x * (4.0 * bend / slope) + 1.0, 0.0)) + 1.0)
