@@ -1,11 +1,13 @@
 """What a sine as input must not hide or feign: spikes of the output, feedback."""
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
-from fluidact_fit.assessment.diagnosis import _cross_correlation
+from fluidact_fit.assessment.residual_tests import find_feedback
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
+from fluidact_fit.family import NoiseLevel, NoiseModel, Plant, Simulated, Solution
 from fluidact_fit.logs.spikes import _left_when_removed, replace_spikes
 from fluidact_fit.outcome import Simulation
 
@@ -19,6 +21,46 @@ def experiment(u: np.ndarray, y: np.ndarray) -> Experiment:
         "angle": Signal("angle", t, y, "rad"),
     }
     return Experiment("log", 0, t, signals, 0.01, True)
+
+
+def solution(later: int = 1, noisy: bool = False) -> Solution:
+    """A model whose output is the input of so many samples before."""
+
+    def simulate(plant: Plant, runs: list[Experiment]) -> list[Simulated]:
+        return [Simulated(np.concatenate((np.zeros(later), e["torque"]))[: e.samples])
+                for e in runs]  # fmt: skip
+
+    inputs = {"torque": NoiseLevel(1.0)} if noisy else {}
+    noise = NoiseModel(np.zeros((0, 0)), 1, inputs=inputs)
+    options = get_family("ball-screw").options_type()
+    return Solution(VARIANT, {}, (), [], noise, options, simulate, True)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_a_regulator_at_constant_set_point_is_feedback_within_the_sample(noisy: bool) -> None:
+    """Gain 2, 0.4 s and 0.1 s under a gain of 3 gave a gain of 0.35 +- 0.01, without a word."""
+    rng = np.random.default_rng(7)
+    y, u, disturbed = np.zeros(3000), np.zeros(3000), 0.0
+    for k in range(11, 3000):
+        disturbed = 0.95 * disturbed + 0.03 * rng.standard_normal()
+        y[k] = 0.975 * y[k - 1] + 0.05 * u[k - 11] + 0.03 * rng.standard_normal()
+        u[k] = -3.0 * (y[k] + disturbed)
+    measured = -u / 3.0
+    run = Simulation(experiment(u, measured), np.zeros(3000), measured)
+    said = find_feedback(VARIANT, solution(noisy=noisy), [run])[1]
+    assert [n.code for n in said] == ["closed-loop"]
+    assert "in the same sample" in said[0].message
+    # of a model that answers within the sample the same may be what the model lacks
+    assert not find_feedback(VARIANT, solution(later=0, noisy=noisy), [run])[1]
+
+
+def test_noise_of_an_input_is_no_feedback() -> None:
+    rng = np.random.default_rng(8)
+    exact, noise = np.cumsum(rng.standard_normal(3000)), rng.standard_normal(3000)
+    missed = -np.append(0.0, noise[:-1]) + 0.1 * rng.standard_normal(3000)
+    run = Simulation(experiment(exact + noise, missed), np.zeros(3000), missed)
+    for noisy in (False, True):
+        assert not find_feedback(VARIANT, solution(noisy=noisy), [run])[1]
 
 
 def test_a_sine_does_not_hide_a_spike_of_the_output() -> None:
@@ -37,7 +79,7 @@ def test_feedback_is_said_where_the_input_answers_and_not_where_the_model_misses
     zero = np.zeros(2000)
     answering = own - 0.8 * np.append(0.0, noise[:-1])
     closed = Simulation(experiment(answering, noise), zero, noise)
-    codes = [n.code for n in _cross_correlation(VARIANT, [closed], ())[1]]
+    codes = [n.code for n in find_feedback(VARIANT, solution(), [closed])[1]]
     assert codes == ["closed-loop"]
     # a lag that the model lacks: what is missed follows the chirp, and the chirp what is missed
     t = np.arange(1000) * 0.01
@@ -45,7 +87,7 @@ def test_feedback_is_said_where_the_input_answers_and_not_where_the_model_misses
     missed = lfilter([0.1], [1.0, -0.9], chirp) - chirp
     missed = missed / missed.std() + 0.1 * rng.uniform(-0.5, 0.5, 1000)
     opened = Simulation(experiment(chirp, missed), 0.0 * missed, missed)
-    table, said = _cross_correlation(VARIANT, [opened], ())
+    table, said = find_feedback(VARIANT, solution(), [opened])
     assert table["torque"]["input_follows_residual"] < 1e-5
     assert said == []
 

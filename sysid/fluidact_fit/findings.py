@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from .assessment import (
+    Examined,
     Outlier,
-    diagnose,
-    find_outliers,
+    examine,
     judge,
-    make_optimum,
     outlier_notice,
     residual_whiteness,
 )
@@ -36,18 +35,6 @@ from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
 from .parameters.rounding import round_numbers
 from .version import __version__
-
-
-@dataclass(frozen=True)
-class Examined:
-    """Entries for the file, warnings, and outliers that are in the fit.
-
-    ``outliers`` is ``None`` where a sample is one that cannot be left out.
-    """
-
-    details: dict[str, Any]
-    notices: list[Notice]
-    outliers: list[Outlier] | None
 
 
 @dataclass(frozen=True)
@@ -85,12 +72,7 @@ class Findings:
     @cached_property
     def examined(self) -> Examined:
         """What the derivatives of the fit show; they themselves are not kept."""
-        at = make_optimum(self.family, self.variant, self.solution, self.fitted)
-        outliers = find_outliers(at)
-        details, notices = diagnose(
-            self.family, self.variant, self.solution, self.fitted, at, self.declared
-        )
-        return Examined(details, notices, outliers)
+        return examine(self.family, self.variant, self.solution, self.fitted, self.declared)
 
     @cached_property
     def offset(self) -> float | None:

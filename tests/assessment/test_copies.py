@@ -10,7 +10,7 @@ from studies.red_team.attacks import hydrostatic, input_noise
 from studies.red_team.run import write
 
 import fluidact_fit as ff
-from fluidact_fit.assessment.copies import Copies
+from fluidact_fit.assessment.corrected_score import CorrectedScore
 from fluidact_fit.estimation.whitening import Whitening
 
 RIGHT = 5  # recordings of a right model
@@ -45,7 +45,7 @@ def test_products_without_the_noise_are_those_of_the_exact_input():
         inputs = exact + drawn[0] + np.vstack((np.zeros(n), drawn[1:]))
         output = exact + 0.05 * rng.standard_normal(n)
         jacobians = [u[:, None] for u in inputs]
-        found = Copies(
+        found = CorrectedScore(
             [Whitening(np.zeros(0), sigma, 0.05)], 0.0, jacobians, [output - u for u in inputs]
         ).products([np.roll(u, 1) for u in inputs])
         triangle = found.triangle
@@ -65,7 +65,7 @@ def test_columns_that_are_all_noise_say_nothing():
     noise = rng.standard_normal((4, 500))
     copies = noise[0] + np.vstack((np.zeros(500), noise[1:]))
     along = [np.arange(500.0)[:, None]] * 4
-    found = Copies([Whitening(np.zeros(0), 1.0, 1.0)], 0.0, along, list(noise)).products(
+    found = CorrectedScore([Whitening(np.zeros(0), 1.0, 1.0)], 0.0, along, list(noise)).products(
         list(copies)
     )
     assert found.weak

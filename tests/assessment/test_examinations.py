@@ -22,10 +22,10 @@ from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from attack_finder import find_attack
-from fluidact_fit.assessment.given import find_reliance
-from fluidact_fit.assessment.influence import find_deciding_samples
+from fluidact_fit.assessment.influence import find_deciding_samples, measure_influence
 from fluidact_fit.assessment.optimum import Optimum, make_optimum
-from fluidact_fit.assessment.structure import find_missing_response
+from fluidact_fit.assessment.score_test import find_missing_response
+from fluidact_fit.assessment.sensitivity_to_given import find_reliance
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Plant
 
@@ -47,6 +47,11 @@ def optimum_of(result):
     at = make_optimum(get_family(result.family), result.variant, result.solution, result.fitted)
     assert at is not None
     return at
+
+
+def deciding_samples(at):
+    """Samples that the result hangs on."""
+    return find_deciding_samples(at, measure_influence(at.jacobians, at.residuals, at.errors))
 
 
 def codes(result):
@@ -138,8 +143,7 @@ def test_influence_is_that_of_leaving_the_sample_out():
     y[59] += 3.0
     theta = np.linalg.lstsq(x, y, rcond=None)[0]
     left_out = np.linalg.lstsq(x[:59], y[:59], rcond=None)[0]
-    at = _LinearOptimum.of(x, y - x @ theta)
-    entry, notices = find_deciding_samples(at)
+    entry, notices = deciding_samples(_LinearOptimum.of(x, y - x @ theta))
     assert [n.code for n in notices] == ["few-samples-decide"]
     first = entry["samples"][0]
     assert first["place"] == "sample 60"
@@ -152,7 +156,7 @@ def test_a_sample_that_moves_nothing_that_matters_decides_nothing():
     x = np.column_stack((np.linspace(0.0, 1.0, 60), np.ones(60)))
     residual = 0.01 * np.random.default_rng(5).standard_normal(60)
     residual[59] += 3.0
-    entry, notices = find_deciding_samples(_LargeOptimum.of(x, residual))
+    entry, notices = deciding_samples(_LargeOptimum.of(x, residual))
     assert entry["largest_influence"] > 1.0
     assert not notices
 
@@ -186,7 +190,7 @@ class _LargeOptimum(_LinearOptimum):
 class _Jumpy(_LinearOptimum):
     """An output that follows a stiffness, and that rounding moves as soon as there is one."""
 
-    def change(self, experiments=None, plant=None, represented=False):
+    def change(self, experiments=None, plant=None):
         k = plant.values["stiffness"]
         x = np.linspace(0.0, 1.0, self.residuals[0].size)
         return [1e-6 * k * x + (1e-7 * np.cos(9.0 * x) if k else 0.0)]

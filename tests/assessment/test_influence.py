@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fluidact_fit import rows
-from fluidact_fit.assessment.leverage import measure_influence
+from fluidact_fit.assessment.influence import measure_influence
 
 
 @pytest.mark.parametrize("block", [1 << 15, 41])

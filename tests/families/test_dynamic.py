@@ -15,7 +15,7 @@ from studies.red_team.run import run as run_attack
 
 import fluidact_fit as ff
 from fluidact_fit import NotIdentifiedError, UsageError
-from fluidact_fit.assessment import diagnose, make_optimum
+from fluidact_fit.assessment import examine
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.estimation.named_model import bind
 from fluidact_fit.estimation.problem import Unknown
@@ -246,14 +246,12 @@ def test_the_wrong_hold_is_noticed() -> None:
     family = get_family("line")
     estimate = fit("line", [wrong])
     fitted = simulate("line", estimate, [wrong])
-    at = make_optimum(family, family.variants[0], estimate, fitted)
-    details, notices = diagnose(family, family.variants[0], estimate, fitted, at)
-    assert {n.code for n in notices} & {"hold-doubtful", "hold-matters"}
-    assert "--hold inlet=zoh" in notices[0].message
-    assert abs(details["intersample"]["inlet"]["standard_errors"]) > 2.0
+    found = examine(family, family.variants[0], estimate, fitted)
+    assert {n.code for n in found.notices} & {"hold-doubtful", "hold-matters"}
+    assert "--hold inlet=zoh" in found.notices[0].message
+    assert abs(found.details["intersample"]["inlet"]["standard_errors"]) > 2.0
     # whoever has said what the column is, is not asked again
-    _, quiet = diagnose(family, family.variants[0], estimate, fitted, at, {"inlet"})
-    assert not quiet
+    assert not examine(family, family.variants[0], estimate, fitted, {"inlet"}).notices
 
 
 def valve_log(wn: float, zeta: float, seed: int = 0) -> Experiment:

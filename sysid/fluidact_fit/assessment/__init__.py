@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from .diagnosis import diagnose
-from .optimum import make_optimum
-from .outliers import Outlier, find_outliers, most_outliers, outlier_notice, set_aside
+from .examination import Examined, examine
+from .influence import Outlier, most_outliers, outlier_notice, set_aside
 from .verdict import judge, residual_whiteness
 
 __all__ = [
+    "Examined",
     "Outlier",
-    "diagnose",
-    "find_outliers",
+    "examine",
     "judge",
-    "make_optimum",
     "most_outliers",
     "outlier_notice",
     "residual_whiteness",

@@ -1,19 +1,8 @@
 """How many independent samples are the data worth?
 
-Strongly autocorrelated errors make hundreds of samples say as much as a dozen independent ones.
-The covariance allows for that, with a size and an autocorrelation of the errors that come from
-the same residuals. Where these are worth hardly more samples than there are unknowns, the curve
-has taken the slow part of the errors for its own, and no residual shows how large it was.
-
-An autoregression of few lags does not see what wanders over seconds below a louder white noise,
-and that is just what adds up in an solution. What the residuals of a block of rows contribute
-to the estimate shows it [1]_: with errors that are forgotten within a block, the sum of squares of
-``B`` such contributions has the variance of the estimate for its mean.
-
-The autocorrelation of residuals is less than that of the errors, the more so the more of their
-slow part the unknowns have taken, and what is worth six independent samples may look like sixty.
-The restricted likelihood [2]_ of a first-order autoregression allows for what was fitted; what
-counts is the strongest autocorrelation that it does not rule out.
+What blocks of rows contribute to the estimate shows errors that change slowly [1]_; the strongest
+autocorrelation that the restricted likelihood [2]_ does not rule out shows how many independent
+samples the residuals are worth. Theory: ``docs/theory/independent-samples.md``.
 
 References
 ----------
@@ -38,17 +27,15 @@ from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
 from ..rows import blocks, is_kept, square_sum
-from .noisy_inputs import whitened
+from . import policy
+from .corrected_score import whitened
 from .optimum import Optimum
 
-_FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standard errors were seen
 _BLOCKS = (6, 12, 24, 48)  # of rows, whose contributions are compared; each divides the last
 _SHORTEST = 25  # rows of a block
-_BY_CHANCE = 1e-5  # probability at which they count for no chance
 _TRIED = 60  # autocorrelations, closer to each other towards 1
 _ROUNDING = 1e-12  # part of a sum of squares that is none
 _NOT_RULED_OUT = 2.7  # twice the loss of log-likelihood of a value that a 95 % limit still holds
-_WIDER = 1.5  # times its standard error, that the error of a parameter has to be by them
 
 
 def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
@@ -65,7 +52,7 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         return {}, []
     wider = wider_by_blocks(at.jacobians, at.residuals, at.errors)
     worst = int(np.argmax(wider))
-    if wider[worst] <= _WIDER:
+    if wider[worst] <= policy.WIDER:
         return {}, []
     name, times = at.names[worst], float(wider[worst])
     return {"slow_errors": {"parameter": name, "times": times}}, [
@@ -114,7 +101,7 @@ def wider_by_blocks(
         sums, share = (x.reshape(count, finest // count, -1).sum(axis=1) for x in (parts, white))
         free = (1.0 - 1.0 / count) * share.sum(axis=0) ** 2 / np.sum(share**2, axis=0)
         found = np.sum(sums**2, axis=0) * count / (count - 1) / known
-        more = found > chdtri(free, _BY_CHANCE) / free
+        more = found > chdtri(free, policy.CHANCE) / free
         out = np.where(more, np.maximum(out, found), out)
     return np.sqrt(out)
 
@@ -151,7 +138,7 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     if len(at.roles) == 1 and not at.instruments:
         independent = min(independent, fewest_independent(at.part.jacobians, at.part.residuals))
     entry = {"samples": independent}
-    if independent >= _FEWEST * unknowns:
+    if independent >= policy.INDEPENDENT * unknowns:
         return entry, []
     samples = at.samples
     return entry, [

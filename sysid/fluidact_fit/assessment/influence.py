@@ -1,98 +1,327 @@
-"""Do a few samples carry the answer, or one half of the data?
+"""Samples and halves of the data that carry the answer; outliers that the fit can do without.
 
-A sample that stands alone, far from what all others say, or that is matched exactly because
-nothing else holds what it says, can turn a result without showing in its root-mean-square error;
-see :mod:`.leverage`.
+With the derivatives ``J`` of a least-squares fit the estimate without sample ``i`` differs by
+``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the sample's leverage, the diagonal of
+``J (J'J)^-1 J'`` [1]_. A sample that stands alone, far from what all others say, is an outlier: it
+is replaced by what the model of the others gives there, and the fit is done again. Where the
+model misses several samples in a row, or those after a jump of an input, the model is wrong there,
+and no sample is set aside.
+
+References
+----------
+.. [1] R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
-from ..experiment import FloatArray
+from ..estimation.blocks import condensed
+from ..experiment import Experiment, FloatArray, IndexArray
+from ..logs.log import count_of
+from ..logs.spikes import where_inputs_move
+from ..rows import blocks, square_sum
 from ..units import as_share
-from .leverage import Effect
-from .optimum import LEAST, Optimum
+from . import policy
+from .optimum import Optimum
 
 _LISTED = 5
-_FEWEST = 50  # samples of a part of the data that is compared with the rest
-_DISAGREE = 1e-4  # probability of a difference that large between parts of the data
-_MATTERS = 0.02  # part of a parameter that a difference must exceed
-_TOLD = 0.04  # part of what both halves know of a parameter that each has to know of it
+_WIDE = 2  # samples that an outlier may be wide
+_MOST = 100  # outliers: more are not few
 
 
 @dataclass(frozen=True)
-class Sample:
-    """A sample that decides: where it is, how far off, and what it moves."""
+class Effect:
+    """What one sample does to the estimate.
 
-    place: str
+    Attributes
+    ----------
+    series, row
+        Where it is: the series, and the row among its used samples.
+    leverage, deviations
+        Entry on the diagonal of the hat matrix, and studentised residual.
+    odd
+        Whether that is too large for one of that many.
+    parameter, errors
+        Number of the parameter that it moves most, and by how many standard errors.
+    """
+
+    series: int
+    row: int
+    leverage: float
     deviations: float
-    parameter: str
-    shift: float
+    odd: bool
+    parameter: int
     errors: float
 
+    @property
+    def deciding(self) -> bool:
+        """Whether the result hangs on it."""
+        return abs(self.errors) > (policy.ODD_MOVES if self.odd else policy.ANY_MOVES)
 
-def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    @property
+    def outlying(self) -> bool:
+        """Whether no model near this one explains it: it is odd, and decides or lies far off."""
+        far = abs(self.deviations) > policy.FAR
+        return self.odd and (abs(self.errors) > policy.ODD_MOVES or far)
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What the samples do to the estimate.
+
+    Attributes
+    ----------
+    leverage, most
+        The largest leverage, and the most standard errors by which one moves a parameter.
+    effects
+        Those of samples that decide or lie far off, in order.
+    odd
+        Samples of every series that are odd, in order, shape ``(m_i,)`` each.
+    inverse
+        That of the triangle of the derivatives: rows of them times it are those of the
+        orthogonal factor, shape ``(p, p)``.
+    """
+
+    leverage: float
+    most: float
+    effects: Sequence[Effect]
+    odd: Sequence[IndexArray]
+    inverse: FloatArray
+
+
+def measure_influence(
+    jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], known: FloatArray
+) -> Influence | None:
+    """What every sample does to the estimate; ``None`` where too few of them tell.
+
+    Parameters
+    ----------
+    jacobians, residuals
+        Of every series, shapes ``(n_i, p)`` and ``(n_i,)``.
+    known : (p,)
+        Standard errors of the parameters.
+    """
+    from scipy.special import stdtrit
+
+    table = condensed(jacobians)
+    n, p = sum(r.size for r in residuals), table.shape[1]
+    if n <= p + 10:
+        return None
+    scale = np.linalg.norm(table, axis=0)
+    scale[scale == 0.0] = 1.0
+    triangle = np.linalg.qr(table / scale, mode="r")
+    if np.min(np.abs(np.diag(triangle))) < 1e-9:
+        return None
+    inverse = np.linalg.inv(triangle) / scale[:, None]
+    squares, degrees = sum(map(square_sum, residuals)), max(n - p - 1, 1)
+    robust = _robust_deviation(residuals, p, np.sqrt(squares / degrees))
+    limit = float(-stdtrit(degrees, 0.5 * policy.ODD / n))
+    leverage, most, effects = 0.0, 0.0, []
+    odd: list[list[IndexArray]] = [[] for _ in residuals]
+    for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
+        r = residuals[series][part]
+        q = jacobians[series][part] @ inverse
+        own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
+        studentised = r / np.sqrt(1.0 - own)
+        sigma = np.sqrt(np.maximum(squares - studentised**2, 0.0) / degrees)
+        # of a residual that is one sample alone nothing is left but rounding
+        deviations = studentised / np.maximum(
+            np.minimum(sigma, 2.0 * robust), max(1e-12 * np.abs(r).max(initial=0.0), 1e-300)
+        )
+        errors = (q * (r / (1.0 - own))[:, None]) @ inverse.T / known
+        size = np.abs(errors).max(axis=1)
+        leverage, most = max(leverage, float(own.max())), max(most, float(size.max(initial=0.0)))
+        strange = np.abs(deviations) > limit
+        odd[series].append(part.start + np.flatnonzero(strange))
+        for i in np.flatnonzero(strange | (size > policy.ANY_MOVES)):
+            k = int(np.argmax(np.abs(errors[i])))
+            effect = Effect(
+                series, part.start + int(i), float(own[i]), float(deviations[i]),
+                bool(strange[i]), k, float(errors[i, k]),
+            )  # fmt: skip
+            effects += [effect] if effect.deciding or effect.outlying else []
+    return Influence(leverage, most, effects, [np.concatenate(rows) for rows in odd], inverse)
+
+
+def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float) -> float:
+    """Standard deviation by the median, against many odd samples; infinite where it is of no use.
+
+    A residual that is mostly zero (a counter at rest) has no robust size.
+    """
+    n = sum(r.size for r in residuals)
+    per_median = 1.4826 * np.sqrt(n / max(n - p, 1))
+    enough = deviation / (2.0 * per_median)
+    below = sum(int(np.count_nonzero(np.abs(r[at]) < enough))
+                for r in residuals for at in blocks(r.size))  # fmt: skip
+    if 2 * below < n - 1:
+        return np.inf
+    found = per_median * float(np.median(np.concatenate([np.abs(r) for r in residuals])))
+    return found or np.inf
+
+
+def find_deciding_samples(
+    at: Optimum, influence: Influence | None
+) -> tuple[dict[str, Any], list[Notice]]:
     """Samples that the result hangs on: an entry for the file, and a warning."""
-    influence = at.influence
     if influence is None:
         return {}, []
     entry: dict[str, Any] = {
         "largest_influence": influence.most, "largest_leverage": influence.leverage
     }  # fmt: skip
     deciding = [e for e in influence.effects if e.deciding and _matters(at, e)]
-    deciding.sort(key=lambda e: -abs(e.errors))
     if not deciding:
         return entry, []
-    found = [
-        Sample(
-            at.place(e.series, e.row), e.deviations, at.names[e.parameter],
-            -e.errors * float(at.errors[e.parameter]), -e.errors,
-        )
+    deciding.sort(key=lambda e: -abs(e.errors))
+    entry["samples"] = [
+        {
+            "place": at.place(e.series, e.row),
+            "deviations": e.deviations,
+            "parameter": at.names[e.parameter],
+            "shift": -e.errors * float(at.errors[e.parameter]),
+            "errors": -e.errors,
+        }
         for e in deciding[:_LISTED]
-    ]  # fmt: skip
-    entry["samples"] = [vars(s) for s in found]
-    return entry, [_notice(found, len(deciding), at.unit(found[0].parameter))]
+    ]
+    return entry, [_deciding_notice(entry["samples"], len(deciding), at)]
 
 
 def _matters(at: Optimum, e: Effect) -> bool:
     """Whether a sample moves a parameter by more than any bench is worth."""
     moved = abs(e.errors) * float(at.errors[e.parameter])
-    return moved > LEAST * abs(at.number(at.names[e.parameter]))
+    return moved > policy.LEAST * abs(at.number(at.names[e.parameter]))
 
 
-def _times(factor: float) -> str:
-    return f"{factor:.0f} times" if factor < 1000.0 else "over 1000 times"
-
-
-def _notice(found: list[Sample], count: int, unit: str) -> Notice:
-    first = found[0]
+def _deciding_notice(found: Sequence[dict[str, Any]], count: int, at: Optimum) -> Notice:
+    first, off = found[0], abs(found[0]["deviations"])
     others = "" if count == 1 else f" and {count - 1} more"
     verb, it = ("decides", "it") if count == 1 else ("decide", "that first one")
-    listed = ", ".join(s.place for s in found[1:])
+    listed = ", ".join(s["place"] for s in found[1:])
     return Notice(
         "few-samples-decide",
-        f"{first.place}{others} {verb} {first.parameter}: without {it} it would change by "
-        f"{first.shift:+.3g}{unit}, {abs(first.errors):.1f} standard errors; the model misses {it} "
-        f"by {_times(abs(first.deviations))} the usual scatter."
+        f"{first['place']}{others} {verb} {first['parameter']}: without {it} it would change by "
+        f"{first['shift']:+.3g}{at.unit(first['parameter'])}, {abs(first['errors']):.1f} standard "
+        f"errors; the model misses {it} by "
+        f"{f'{off:.0f} times' if off < 1000.0 else 'over 1000 times'} the usual scatter."
         + (f" The others: {listed}." if listed else "")
         + " Look at the log there (--plot) and delete rows that are wrong; where they are steps or "
         "reversals, sample faster.",
     )
 
 
-def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+@dataclass(frozen=True)
+class Outlier:
+    """A sample that was set aside.
+
+    ``place`` says where it is, ``measured`` and ``replaced`` what was recorded and what it was
+    fitted with [``unit``], ``text`` both in the unit of the log; ``run`` and ``sample`` count
+    from 0.
+    """
+
+    run: int
+    role: str
+    sample: int
+    place: str
+    measured: float
+    replaced: float
+    unit: str
+    text: str = ""
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """As the file has it."""
+        names = ("place", "role", "measured", "replaced", "unit")
+        return {name: getattr(self, name) for name in names}
+
+
+def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | None:
+    """Samples to set aside; ``None`` where one is outlying that cannot be."""
+    found = [] if influence is None else [e for e in influence.effects if e.outlying]
+    if influence is None or not found:
+        return []
+    held = any(e.leverage >= policy.OUTLIER_LEVERAGE for e in found)
+    if held or len(found) > most_outliers(at.samples) or not _alone(at, influence, found):
+        return None
+    # what the model of all others misses them by: (I - H)^-1 r, H their part of the hat matrix
+    q = np.array([at.jacobians[e.series][e.row] for e in found]) @ influence.inverse
+    r = np.array([at.residuals[e.series][e.row] for e in found])
+    missed = np.linalg.solve(np.eye(len(found)) - q @ q.T, r)
+    out = []
+    for e, off in zip(found, missed):
+        s = at.series[e.series]
+        signal, k = s.experiment.signals[s.role], int(np.flatnonzero(s.used)[e.row])
+        if signal.values.size != s.used.size:
+            return None
+        value = float(signal.values[k])
+        left = value - float(off) * s.scale
+        text = f"{signal.text(value, '.4g')} instead of {signal.text(left, '.4g')}"
+        place = at.place(e.series, e.row)
+        out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit, text))
+    return out
+
+
+def most_outliers(samples: int) -> int:
+    """How many of that many samples can be outliers."""
+    return int(min(_MOST, max(3, policy.OUTLIER_SHARE * samples)))
+
+
+def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
+    """Whether each has few odd samples beside it, and no input jumped there."""
+    for series in {e.series for e in found}:
+        s, odd = at.series[series], influence.odd[series]
+        if np.any(odd[_WIDE:] - odd[:-_WIDE] == _WIDE):  # more in a row than that
+            return False
+        if s.experiment.time.size:
+            moved = where_inputs_move(s.experiment, at.variant)[s.used]
+            if any(moved[e.row] for e in found if e.series == series):
+                return False
+    return True
+
+
+def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[Experiment]:
+    """The same runs with what the model gives in the place of outliers."""
+    out = list(runs)
+    for o in outliers:
+        signal = out[o.run].signals[o.role]
+        values = signal.values.copy()
+        values[o.sample] = o.replaced
+        recorded = {o.sample: o.measured, **signal.recorded}
+        signal = replace(signal, values=values, recorded=recorded)
+        out[o.run] = replace(out[o.run], signals={**out[o.run].signals, o.role: signal})
+    return out
+
+
+def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
+    """A warning that names what was set aside."""
+    n = len(outliers)
+    listed = "; ".join(f"{o.place}: {o.text}" for o in outliers[:_LISTED])
+    more = f"; and {n - _LISTED} more, all in fit.details" if n > _LISTED else ""
+    one = n == 1
+    verb, was, which = ("lies", "was", "it lies") if one else ("lie", "were", "they lie")
+    return Notice(
+        "outliers",
+        f"{count_of(n, 'sample')} {verb} where the model of all others cannot be, and {was} left "
+        f"out of the fit, which would have followed {'it' if one else 'them'} ({listed}{more}). "
+        f"Check the cable, the converter and the logger; where {which} at reversals, sample "
+        "faster.",
+    )
+
+
+def find_disagreeing_halves(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Compare the two halves of the data."""
     (jacobians, residuals), half = _halves(at, [at.jacobians, at.residuals])
-    if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
+    fewest = min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1))
+    if fewest < policy.FEW:
         return {}, []
-    compared = jacobians, residuals, half, at.names, _TOLD
+    compared = jacobians, residuals, half, at.names, policy.HALVES_KNOW
     drift = compare_logs(*compared)[0][0]
-    if _telling(at, drift):  # what a converter does takes longer to know, and excuses more
+    if _differ(at, drift):  # what a converter does takes longer to know, and excuses more
         (measured,), _ = _halves(at, [at.measured])
         steps = [s.resolution for s in at.series for _ in range(len(measured) // len(at.series))]
         drift = compare_logs(*compared, list(zip(measured, steps, strict=True)))[0][0]
@@ -102,7 +331,7 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         "deviations": drift.deviations,
         "p_value": drift.p_value,
     }
-    return {"halves": entry}, [_halves_notice(at, drift)] if _telling(at, drift) else []
+    return {"halves": entry}, [_halves_notice(at, drift)] if _differ(at, drift) else []
 
 
 def _halves(
@@ -119,9 +348,9 @@ def _halves(
     return parts, [0, 1] * len(at.series)
 
 
-def _telling(at: Optimum, d: Drift) -> bool:
-    value = at.number(d.parameter)
-    return d.p_value < _DISAGREE and abs(d.difference) > _MATTERS * abs(value)
+def _differ(at: Optimum, d: Drift) -> bool:
+    least = policy.HALVES_DIFFER * abs(at.number(d.parameter))
+    return d.p_value < policy.HALVES and abs(d.difference) > least
 
 
 def _halves_notice(at: Optimum, d: Drift) -> Notice:

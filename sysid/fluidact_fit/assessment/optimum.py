@@ -1,4 +1,4 @@
-"""A finished fit near its optimum: residuals, their derivatives, and the noise in between.
+"""A finished fit near its optimum: residuals, their derivatives, and what simulates in between.
 
 Near its optimum a fit is linear in its parameters. How the estimate would move if the model
 had one more term, if a sample were not there, or if half of the data were, then follows from
@@ -12,26 +12,34 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from ..estimation.solution import differences, moved, number
+from ..estimation.solution import moved, number
 from ..estimation.uncertainty import covariance
-from ..experiment import Experiment, FloatArray, Signal, all_of, is_finite, where_finite
+from ..experiment import (
+    BoolArray,
+    Experiment,
+    FloatArray,
+    Signal,
+    all_of,
+    is_finite,
+    where_finite,
+)
 from ..family import Family, FamilyOptions, Plant, Simulated, Solution, Variant
 from ..outcome import Simulation
 from ..rows import square_sum
 from ..units import after_number
-from .beside import Beside
-from .copies import Copies
-from .leverage import Influence, measure_influence
+from .noise_treatment import (
+    AugmentedJacobian,
+    Instrumented,
+    NoiseTreatment,
+    Regression,
+    Whitened,
+)
 
-LEAST = 5e-4  # part of a parameter: no bench is better than that
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _LATE = 0.1  # sample times by which a time is moved for a derivative
-_SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
 _TRIES = 8  # to find that part
-_QUANTISED = 1.5  # times its standard error from white noise that one is by a converter
 _FEWEST = 20  # samples of a series that can be examined
 
 
@@ -58,7 +66,7 @@ class Series:
     role: str
     experiment: Experiment
     simulated: FloatArray
-    used: npt.NDArray[np.bool_]
+    used: BoolArray
     scale: float = 1.0
     own_level: bool = False
 
@@ -87,9 +95,8 @@ class Optimum:
     instruments
         The derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)``
         each; empty where there are none.
-    copies
-        What tells noise of inputs from the rest, where the series are those of the recording and
-        of copies of it (:mod:`.noisy_inputs`).
+    treatment
+        What allows for the noise where the runs are not those of the solution alone.
     """
 
     family: Family[FamilyOptions]
@@ -102,7 +109,7 @@ class Optimum:
     residuals: Sequence[FloatArray]
     jacobians: Sequence[FloatArray]
     instruments: Sequence[FloatArray] = ()
-    copies: Copies | None = None
+    treatment: NoiseTreatment | None = None
 
     @property
     def plant(self) -> Plant[FamilyOptions]:
@@ -113,6 +120,13 @@ class Optimum:
     def experiments(self) -> list[Experiment]:
         """The runs that were fitted."""
         return [s.experiment for s in self.fitted]
+
+    @property
+    def driving(self) -> list[str]:
+        """Roles that drive the model and change with time in every run."""
+        runs = [e.signals for e in self.experiments]
+        return [r.name for r in self.variant.driving
+                if all(r.name in s and s[r.name].time.size > 1 for s in runs)]  # fmt: skip
 
     def signal(self, role: str) -> Signal:
         """A role as the first log that has it records it: its units are those of the fit."""
@@ -133,20 +147,20 @@ class Optimum:
         counts = [int(s.used[:rows].sum()) for s in self.series]
         if min(counts) < _FEWEST:
             return self
-        runs = [e.beginning(rows) for e in self.experiments]
-        output = self.variant.output.name
-        simulate = self.solution.simulate_near
+        runs, output = [e.beginning(rows) for e in self.experiments], self.variant.output.name
         fitted = [
             Simulation.of(e, found, output)
-            for e, found in zip(runs, simulate(self.plant, runs), strict=True)
+            for e, found in zip(runs, self.solution.simulate_near(self.plant, runs), strict=True)
         ]
-        series = []
-        for s in self.series:
-            one = fitted[s.run]
-            simulated = one.simulated if s.role == output else one.also[s.role]
-            series.append(
-                replace(s, experiment=runs[s.run], used=s.used[:rows], simulated=simulated)
+        series = [
+            replace(
+                s,
+                experiment=runs[s.run],
+                used=s.used[:rows],
+                simulated=fitted[s.run].also.get(s.role, fitted[s.run].simulated),
             )
+            for s in self.series
+        ]
         return replace(
             self,
             fitted=fitted,
@@ -155,42 +169,43 @@ class Optimum:
             jacobians=[j[:n] for j, n in zip(self.jacobians, counts, strict=True)],
         )
 
+    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+        """Regress the residual on the derivatives and one more column of every series."""
+        return self.noise.regress(columns)
+
+    @cached_property
+    def noise(self) -> NoiseTreatment:
+        """Regression that allows for the noise of this fit."""
+        if self.treatment is not None:
+            return self.treatment
+        plain = self.augmented([np.zeros((r.size, 0)) for r in self.residuals])
+        return Instrumented(plain, self.instruments) if self.instruments else Whitened(plain)
+
+    def augmented(self, columns: Sequence[FloatArray]) -> AugmentedJacobian:
+        """Derivatives, further columns and residual of every series."""
+        roles, free = [s.role for s in self.series], [s.own_level for s in self.series]
+        return AugmentedJacobian(self.jacobians, columns, self.residuals, roles, free)
+
     def change(
         self,
         experiments: Sequence[Experiment] | None = None,
         plant: Plant[FamilyOptions] | None = None,
-        represented: bool = False,
     ) -> list[FloatArray]:
-        """What slightly other inputs, values or options add to the model, as the residuals are.
+        """What slightly other inputs, values or options add to the model, as the residuals are."""
+        found = self.solution.simulate_near(plant or self.plant, experiments or self.experiments)
+        return self.columns([
+            _channel(found[s.run], s.role) - s.simulated for s in self.series
+        ])  # fmt: skip
 
-        ``represented``: with what stands in for noisy inputs in their place.
-        """
-        simulate = self.solution.simulate_near
-        before = [s.simulated for s in self.series]
-        if represented and self.solution.noise.represented:
-            simulate, before = self.solution.noise.represented, self._stand_ins
-        found = self._outputs(simulate(plant or self.plant, experiments or self.experiments))
+    def columns(self, values: Sequence[FloatArray]) -> list[FloatArray]:
+        """Values of the channels of all series, shape ``(n,)`` each, as the residuals are."""
         out = []
-        for s, values, old in zip(self.series, found, before, strict=True):
-            more = all_of(values - old, s.used)
-            if s.scale != 1.0:
-                more /= s.scale
-            if not is_finite(more):  # what another input leaves undescribed says nothing of it
-                np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf)
-            out.append(more)
+        for s, every in zip(self.series, values, strict=True):
+            some = all_of(every, s.used) if s.scale == 1.0 else all_of(every, s.used) / s.scale
+            if not is_finite(some):  # what another input leaves undescribed says nothing of it
+                some = np.nan_to_num(some, nan=0.0, posinf=np.inf, neginf=-np.inf)
+            out.append(some)
         return out
-
-    @cached_property
-    def _stand_ins(self) -> list[FloatArray]:
-        """What the model gives with what stands in for noisy inputs, shape ``(n,)`` each."""
-        represented = self.solution.noise.represented or self.family.simulate
-        return self._outputs(represented(self.plant, self.experiments))
-
-    def _outputs(self, found: Sequence[Simulated]) -> list[FloatArray]:
-        """The channels of the series in simulated runs."""
-        runs = [found[s.run] for s in self.series]
-        return [np.asarray(one.also.get(s.role, one.output), dtype=float)
-                for s, one in zip(self.series, runs, strict=True)]  # fmt: skip
 
     @property
     def measured(self) -> list[FloatArray]:
@@ -199,16 +214,10 @@ class Optimum:
             r + all_of(s.simulated, s.used) / s.scale for s, r in zip(self.series, self.residuals)
         ]
 
-    @cached_property
-    def influence(self) -> Influence | None:
-        """What every sample does to the estimate; ``None`` where too few of them tell."""
-        return measure_influence(self.jacobians, self.residuals, self.errors)
-
-    @cached_property
-    def quantised(self) -> bool:
-        """Whether parameters are less certain than they were if the residuals were white noise."""
+    def is_less_certain(self, times: float) -> bool:
+        """Whether some parameter is, than if the residuals were white, by so many times."""
         white = covariance(self.jacobians, self.residuals, robust=False).covariance
-        return bool(np.any(self.errors > _QUANTISED * np.sqrt(np.diag(white))))
+        return bool(np.any(self.errors > times * np.sqrt(np.diag(white))))
 
     @property
     def sigma(self) -> float:
@@ -229,21 +238,18 @@ class Optimum:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         return number(self.plant, name)
 
-    def slopes(
-        self, plant: Plant[FamilyOptions], name: str, represented: bool = False
-    ) -> list[FloatArray] | None:
+    def slopes(self, plant: Plant[FamilyOptions], name: str) -> list[FloatArray] | None:
         """Derivatives of every series by a value of a plant, as the residuals are.
 
         Over a step that changes the output by part of the residual: a smaller one drowns in
         rounding, a larger one is no derivative. ``None`` where the output does not change.
-        ``represented``: with what stands in for noisy inputs in their place.
         """
         timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
-        step = _LATE * self.experiments[0].sample_time if timed else _SMALL * (abs(value) or 1.0)
+        step = _LATE * self.experiments[0].sample_time if timed else 1e-3 * (abs(value) or 1.0)
         factor = 1.0
         for _ in range(_TRIES):
             step *= factor
-            columns = self.change(plant=moved(plant, name, step), represented=represented)
+            columns = self.change(plant=moved(plant, name, step))
             size = root_mean_square(columns)
             if not (np.isfinite(size) and size > 0.0):
                 return None
@@ -264,24 +270,14 @@ class Optimum:
         at = f"t = {e.time[k]:.6g} s" if e.time.size else f"sample {k + 1}"
         return f"{e.name}, {at}{of}"
 
-    def beside_residual(self, columns: Sequence[FloatArray]) -> Beside:
-        """Derivatives, further columns and residual of every series."""
-        return self._beside(self.jacobians, columns)
-
-    def represented(self, columns: Sequence[FloatArray]) -> Beside:
-        """The same rows by what stands in for noisy inputs; the columns are to be so already."""
-        return self._beside(self.instruments, columns)
-
-    def _beside(self, jacobians: Sequence[FloatArray], columns: Sequence[FloatArray]) -> Beside:
-        return Beside(
-            jacobians, columns, self.residuals, [s.role for s in self.series],
-            [s.own_level for s in self.series],
-        )  # fmt: skip
-
 
 def root_mean_square(parts: Sequence[FloatArray]) -> float:
     """Root of the mean square of all parts, of any shape ``(n_i,)`` each."""
     return float(np.sqrt(sum(map(square_sum, parts)) / sum(x.size for x in parts)))
+
+
+def _channel(found: Simulated, role: str) -> FloatArray:
+    return np.asarray(found.also.get(role, found.output), dtype=float)
 
 
 def make_optimum(
@@ -291,29 +287,23 @@ def make_optimum(
     fitted: Sequence[Simulation],
 ) -> Optimum | None:
     """The fit with its derivatives; ``None`` where it has none to be examined by."""
-    names = solution.names
-    errors = (
-        np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
-        if solution.covariance.size
-        else np.zeros(0)
-    )
     series, residuals = _series(variant, solution, fitted)
-    if not names or min((r.size for r in residuals), default=0) < _FEWEST:
+    if not solution.names or min((r.size for r in residuals), default=0) < _FEWEST:
         return None
+    errors = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None
     q = next(iter(solution.runs[0].jacobians.values())).shape[1]
-    names, errors = names[:q], errors[:q]
+    names, errors = solution.names[:q], errors[:q]
     column = _places(solution.covariance[:q, :q] / np.outer(errors, errors), errors)
     kept = [column.index(k) for k in range(max(column) + 1)]
     jacobians = []
     for s in series:
         j = _merged(solution.runs[s.run].jacobians[s.role], column)
         jacobians.append(j if s.scale == 1.0 else j / s.scale)
-    instruments = _differences(solution, column) if solution.noise.represented else ()
     return Optimum(
         family, variant, solution, fitted, tuple(names[k] for k in kept), errors[kept], series,
-        residuals, jacobians, instruments,
+        residuals, jacobians, [_merged(j, column) for j in solution.noise.instruments],
     )  # fmt: skip
 
 
@@ -330,15 +320,6 @@ def _merged(jacobian: FloatArray, column: Sequence[int]) -> FloatArray:
     """Derivatives by the unknowns from those by their names."""
     unknowns = max(column) + 1
     return jacobian if unknowns == len(column) else jacobian @ np.eye(unknowns)[list(column)]
-
-
-def _differences(solution: Solution[FamilyOptions], column: Sequence[int]) -> list[FloatArray]:
-    """Derivatives of the output with what stands in for noisy inputs in their place."""
-    represented = solution.noise.represented or solution.simulate_near
-    found = differences(
-        represented, solution.plant, solution.runs, solution.names, solution.covariance
-    )
-    return [_merged(j, column) for j in found]
 
 
 def _series(
@@ -360,8 +341,8 @@ def _series(
         return series, residuals
     size = {}
     for role in {s.role for s in series}:
-        every = np.concatenate([r for s, r in zip(series, residuals) if s.role == role])
-        size[role] = float(np.sqrt(np.mean(every**2))) or 1.0
+        own = [r for s, r in zip(series, residuals) if s.role == role]
+        size[role] = root_mean_square(own) or 1.0
     scaled = [replace(s, scale=size[s.role]) for s in series]
     return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
 
@@ -371,10 +352,3 @@ def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
     signal = experiment.signals[role]
     late = replace(signal, time=signal.time + by)
     return replace(experiment, signals={**experiment.signals, role: late})
-
-
-def shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
-    """The same run with the readings of an input that many rows later; the ends keep theirs."""
-    values = experiment[role]
-    source = np.clip(np.arange(values.size) - rows, 0, values.size - 1)
-    return experiment.with_readings(role, values[source])

@@ -9,6 +9,7 @@ from ..estimation.uncertainty import Whiteness, whiteness
 from ..experiment import all_of, where_finite
 from ..notices import is_information
 from ..outcome import Agreement, Simulation, percent_text
+from . import policy
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
@@ -24,10 +25,10 @@ def judge(
 ) -> tuple[str, list[Notice]]:
     """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices."""
     reasons: list[Notice] = []
-    structured = white is not None and white.p_value < 1e-3
+    structured = white is not None and white.p_value < policy.STRUCTURED
     ratio = residual_to_noise or 0.0
     missed = 100.0 - overall.fit_percent
-    if ratio > 3.0 and structured and overall.fit_percent < 99.0:
+    if ratio > policy.TIMES_NOISE and structured and overall.fit_percent < policy.FIT_CLOSE:
         reasons.append(
             Notice(
                 "residuals-autocorrelated",
@@ -38,7 +39,7 @@ def judge(
                 "reversals are friction, mass or a delay.",
             )
         )
-    if overall.fit_percent < 20.0:
+    if overall.fit_percent < policy.FIT_POOR:
         reasons.append(
             Notice(
                 "poor-fit",
@@ -48,7 +49,7 @@ def judge(
             )
         )
         return "fail", reasons
-    if overall.fit_percent < 60.0:
+    if overall.fit_percent < policy.FIT_WEAK:
         reasons.append(
             Notice(
                 "weak-fit",

@@ -48,17 +48,17 @@ class NoiseModel:
     inputs
         Noise on measured inputs that the estimate allows for, by role. The residual then holds
         what the model makes of it.
-    represented
-        Simulates with what stands in for noisy inputs in their place, where the estimate has
-        instruments: the noise of such an input is in the residual and in every derivative of the
-        output alike, but not in these.
+    instruments
+        Derivatives of the output with what stands in for noisy inputs in their place, per run as
+        the Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. The
+        noise of such an input is in the residual and in every derivative alike, but not in these.
     """
 
     covariance: FloatArray
     degrees: int
     independent: float = np.inf
     inputs: Mapping[str, NoiseLevel] = field(default_factory=dict)
-    represented: Simulate | None = None
+    instruments: Sequence[FloatArray] = ()
 
 
 @dataclass(frozen=True)
@@ -177,6 +177,7 @@ def make_solution(
     *,
     jacobians: Sequence[Mapping[str, FloatArray]] = (),
     simulate_near: Simulate | None = None,
+    represented: Simulate | None = None,
     derived: Mapping[str, Quantity] | None = None,
     notices: Sequence[Notice] = (),
     details: Mapping[str, Any] | None = None,
@@ -192,6 +193,8 @@ def make_solution(
     jacobians
         Derivatives of the channels of every run that the estimator has at hand, over all samples
         or over those used. Without them those of the output are differences of simulations.
+    represented
+        Simulates with what stands in for noisy inputs in their place, for instruments.
     """
     near = simulate_near or simulate
     # all that follows is computed from the numbers that are written
@@ -209,6 +212,9 @@ def make_solution(
             runs = [replace(run, jacobians=j) for run, j in zip(runs, known) if j is not None]
         else:
             tables = differences(near, plant, runs, names, noise.covariance)
+            if represented is not None:
+                aside = differences(represented, plant, runs, names, noise.covariance)
+                noise = replace(noise, instruments=aside)
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
         variant, parameters, names, runs, noise, options, near, minimised, derived,

@@ -133,16 +133,12 @@ class SpringCylinder(Family[SpringOptions]):
                 lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
             )
         settled = replace(options, spike=found.spike)
-        noise = NoiseModel(matrix, solved.degrees, solved.independent)
-        if found.instrumented:
-            noise = replace(
-                noise,
-                inputs=input_noise(variant, runs),
-                represented=_simulate_represented,
-            )
+        noisy = input_noise(variant, runs) if found.instrumented else {}
+        noise = NoiseModel(matrix, solved.degrees, solved.independent, noisy)
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
+            represented=_simulate_represented if found.instrumented else None,
             notices=[*notices, *_remarks(found, samples)],
             details=_details(found, runs, options.settle),
         )  # fmt: skip
@@ -262,7 +258,7 @@ class _Nearby:
 def _simulate_represented(
     plant: Plant[SpringOptions], experiments: Sequence[Experiment]
 ) -> list[Simulated]:
-    """The force by the instruments of noisy columns; see :attr:`.NoiseModel.represented`."""
+    """The force by the instruments of noisy columns; see :attr:`.NoiseModel.instruments`."""
     runs, _ = prepare(plant.variant, experiments, plant.options)
     return _simulate(plant, [instrumented(d) for d in runs])
 

@@ -1,0 +1,95 @@
+"""The examination of a finished fit: every test, one after the other, for whatever fitted it.
+
+The verdict is made of its warnings (:mod:`.verdict`). To test a fit for one more term, add it to
+the table (:mod:`.terms`); to add another kind of test, add it here; every threshold stands in
+:mod:`.policy`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import Notice
+from ..family import Family, FamilyOptions, Solution, Variant
+from ..outcome import Simulation
+from .holds import find_other_holds
+from .independence import find_independent_samples
+from .influence import (
+    Outlier,
+    find_deciding_samples,
+    find_disagreeing_halves,
+    find_outliers,
+    measure_influence,
+)
+from .optimum import Optimum, make_optimum
+from .residual_tests import find_feedback, judge_channels, residual_to_noise
+from .score_test import find_missing_response
+from .sensitivity_to_given import find_conditional, find_reliance
+
+_EXAMINATIONS = {
+    "independence": find_independent_samples,
+    "parts": find_disagreeing_halves,
+    "missing_response": find_missing_response,
+    "given": find_reliance,
+    "conditional": find_conditional,
+}
+_TELL_MORE = ("unmodelled-response", "halves-disagree")
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Entries for the file, warnings, and outliers that are in the fit.
+
+    ``outliers`` is ``None`` where a sample is one that cannot be left out.
+    """
+
+    details: dict[str, Any]
+    notices: list[Notice]
+    outliers: list[Outlier] | None
+
+
+def examine(
+    family: Family[FamilyOptions],
+    variant: Variant,
+    solution: Solution[FamilyOptions],
+    fitted: Sequence[Simulation],
+    declared: Collection[str] = (),
+) -> Examined:
+    """Examine a finished fit.
+
+    ``fitted`` are the runs simulated with the solution. ``declared`` are the roles whose hold the
+    user has given: those are not questioned, unless the data contradict them.
+    """
+    details: dict[str, Any] = {}
+    notices: list[Notice] = []
+
+    def add(name: str, found: tuple[Any, list[Notice]]) -> None:
+        if found[0] not in (None, {}):
+            details[name] = found[0]
+        notices.extend(found[1])
+
+    timed = all(s.experiment.time.size for s in fitted)
+    at = make_optimum(family, variant, solution, fitted)
+    outliers: list[Outlier] | None = []
+    if timed:
+        if at is not None:
+            add("intersample", find_other_holds(at, declared))
+        add("cross_correlation", find_feedback(variant, solution, fitted))
+        add("residual_to_noise", (residual_to_noise(family, solution, fitted), []))
+    if at is not None:
+        outliers = _examine_derivatives(at, add)
+    add("channels", judge_channels(family, solution, fitted))
+    if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
+        notices = [n for n in notices if n.code != "errors-change-slowly"]
+    return Examined(details, notices, outliers)
+
+
+def _examine_derivatives(at: Optimum, add: Any) -> list[Outlier] | None:
+    """What the derivatives of the fit show; samples to set aside."""
+    influence = measure_influence(at.jacobians, at.residuals, at.errors)
+    add("influence", find_deciding_samples(at, influence))
+    for name, test in _EXAMINATIONS.items():
+        add(name, test(at))
+    return find_outliers(at, influence)

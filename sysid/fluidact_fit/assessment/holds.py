@@ -1,0 +1,186 @@
+"""Would another hold of an input fit better? A few Gauss-Newton steps from the optimum tell."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.blocks import joined
+from ..estimation.inputs import choose_hold
+from ..estimation.least_squares import scaled_least_squares
+from ..estimation.solution import moved, number
+from ..experiment import Hold, Signal
+from ..family import FamilyOptions, Plant, Value
+from ..outcome import Simulation
+from ..units import as_share
+from . import policy
+from .optimum import Optimum
+
+_MOVING = 0.2  # part of the samples in which a command moves that may not be held
+_ROUNDS = 3  # Gauss-Newton steps under another hold
+_JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
+_LONG = 200_000  # samples of all runs together, beyond which no other hold is tried
+_WORDS: dict[Hold, str] = {
+    "zoh": "held between its samples",
+    "foh": "on straight lines between its samples",
+    "smooth": "on a smooth curve through its samples",
+}
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """How another hold would change the parameters, as the file tells it.
+
+    ``evidence`` is the change of the negative log-likelihood, ``left`` the root mean square of the
+    residual in parts of the present one.
+    """
+
+    hold: Hold
+    other: Hold
+    parameter: str
+    shift: float
+    standard_errors: float
+    evidence: float
+    left: float
+
+
+def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
+    """Judge the fit under another hold of every role that drives the model."""
+    at = at.part
+    experiments = at.experiments
+    if sum(e.samples for e in experiments) > _LONG:
+        return {}, []
+    table: dict[str, Any] = {}
+    notices: list[Notice] = []
+    for role in (r for r in at.variant.driving if r.name in at.driving):
+        taken = experiments[0].signals[role.name].hold
+        others = [h for h in _WORDS if h != (taken or "zoh")]
+        tried = [t for h in others if (t := _shift(at, role.name, h))]
+        # no command carries noise: what does was measured, and may have moved in between
+        noisy = role.hold == "auto" and role.name in at.solution.noise.inputs
+        if not at.solution.minimised and not (noisy and taken == "zoh"):
+            tried = [t for t in tried if _explains_forces(at, t)]
+        found = _best_hold(tried, [e.signals[role.name] for e in experiments])
+        if found is None:
+            continue
+        table[role.name] = asdict(found)
+        said = _hold_notice(role.name, found, at.solution.values)
+        unsure = role.name not in declared and _looks_otherwise(at.fitted, role.name, found.hold)
+        if said and (said.code == "hold-doubtful" or unsure):
+            notices.append(said)
+    return table, notices
+
+
+def _explains_forces(at: Optimum, t: _Shift) -> bool:
+    """Whether another hold explains what is not noise.
+
+    Where more was compared than the output the residual holds forces as well: it has to shrink,
+    with every parameter in its range.
+    """
+    spec, value = at.variant.parameter(t.parameter.partition("[")[0]), number(at.plant, t.parameter)
+    return t.left <= policy.HOLD_EXPLAINS and spec.minimum <= value + t.shift <= spec.maximum
+
+
+def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:
+    """What fits best is named: whoever follows the advice is not told the next one.
+
+    Of two that fit alike it is the one that the samples look like.
+    """
+    best = min(tried, key=lambda t: t.evidence, default=None)
+    if best is None or best.evidence > -policy.HOLD_EVIDENCE:
+        return best
+    alike = [t for t in tried if t.evidence - best.evidence < policy.HOLD_EVIDENCE]
+    if len(alike) < 2:
+        return best
+    likely = choose_hold(signals)
+    return next((t for t in alike if t.other == likely), best)
+
+
+def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
+    """Gauss-Newton steps from the optimum under another hold, the derivatives as they are.
+
+    A long first step ends where the model is no longer linear, and another one is taken.
+    """
+    turned = []
+    for e in at.experiments:
+        signal = replace(e.signals[role], hold=other)
+        turned.append(replace(e, signals={**e.signals, role: signal}))
+    before, j = joined(at.residuals), joined(at.jacobians)
+    if j.shape[1] == 0:
+        return None
+    total, plant = np.zeros(j.shape[1]), at.plant
+    for _ in range(_ROUNDS):
+        r = before - np.concatenate(at.change(turned, plant))
+        if not np.all(np.isfinite(r)):
+            return None
+        step = scaled_least_squares(j, r, 1e-10)
+        after, total = float(np.sum((r - j @ step) ** 2)), total + step
+        if np.abs(step / at.errors).max() < policy.TERM_MOVES:
+            break
+        for name, by in zip(at.names, step):
+            plant = moved(plant, name, _within(at, name, plant, float(by)))
+    deviations = total / at.errors
+    worst = int(np.argmax(np.abs(deviations)))
+    ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
+    return _Shift(
+        at.experiments[0].signals[role].hold or "zoh",
+        other,
+        at.names[worst],
+        float(total[worst]),
+        float(deviations[worst]),
+        0.5 * r.size * float(np.log(ratio)),
+        sqrt(ratio),
+    )
+
+
+def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> float:
+    """A change of a parameter that keeps it in its physical range."""
+    spec, now = at.variant.parameter(name.partition("[")[0]), number(plant, name)
+    return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
+
+
+def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
+    """A warning when the hold matters and the data do not confirm the one assumed."""
+    moves = abs(found.standard_errors) > policy.TERM_MOVES
+    if not moves or found.evidence > policy.HOLD_EVIDENCE:
+        return None
+    value = values[found.parameter.split("[")[0]]
+    share = as_share(found.shift, value) if isinstance(value, float) else ""
+    taken, better = _WORDS[found.hold], _WORDS[found.other]
+    if found.evidence < -policy.HOLD_EVIDENCE:
+        code = "hold-doubtful"
+        lead = f"the data fit better with '{role}' {better} than {taken}"
+        then = (
+            "Settle it first: what else is said of this fit may come from it. If it was right, "
+            "look for lost rows, gaps, clipping or a lag."
+        )
+    else:
+        code = "hold-matters"
+        lead = f"the data cannot tell whether '{role}' is {taken}"
+        then = "If it was right, look for lost rows, gaps, clipping or a lag."
+    return Notice(
+        code,
+        f"{lead}; with --hold {role}={found.other} {found.parameter} would change by "
+        f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
+        "are held (zoh), measured signals are not (foh or smooth): give --hold by what the signal "
+        f"is, not by what fits. {then}",
+    )
+
+
+def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> bool:
+    """Whether an input does not look like what it is taken for.
+
+    What moves little in a sample was measured while it moved: when a jump of a measured signal
+    took place between two samples no data can tell. A command is held from one sample to the
+    next; one that glides for much of the time and never jumps may as well have moved in between.
+    """
+    values = [s.experiment.signals[role].values for s in fitted]
+    span = max(float(np.ptp(v)) for v in values)
+    steps = np.abs(np.concatenate([np.diff(v) for v in values]))
+    jumps = bool(steps.max(initial=0.0) > _JUMP * span)
+    return jumps if hold != "zoh" else not jumps and float(np.mean(steps > 0.0)) > _MOVING

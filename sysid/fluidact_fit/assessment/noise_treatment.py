@@ -1,0 +1,251 @@
+"""Regression of the residual on the derivatives of a fit and further columns.
+
+Every solution says what its noise is (:class:`.NoiseModel`); each kind has one class here that
+answers the same question: which changes of the parameters, and which size of one more column, does
+the residual ask for? Theory: ``docs/theory/score-test.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from ..estimation.blocks import condense, joined
+from ..estimation.least_squares import explain, scaled_least_squares
+from ..estimation.uncertainty import covariance, fit_autoregression, innovations, middle_of
+from ..experiment import FloatArray
+from ..rows import blocks, side_by_side
+from . import policy
+
+_ORDER = 25  # highest of the autoregression that whitens the residual
+_ASIDE = 12, 24  # rows; farther than a velocity is computed from
+
+
+@dataclass(frozen=True)
+class Regression:
+    """What the residual asks for.
+
+    Attributes
+    ----------
+    shifts
+        Changes of the parameters, shape ``(p,)``.
+    size, error
+        Of the further column, and its standard error.
+    along
+        Changes of the parameters per unit of a size that is given, shape ``(p,)``.
+    distinct
+        Whether the parameters cannot stand for the column.
+    """
+
+    shifts: FloatArray
+    size: float
+    error: float
+    along: FloatArray
+    distinct: bool
+
+
+class NoiseTreatment(Protocol):
+    """Regression of the residual of a fit that allows for its noise."""
+
+    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+        """Regress on the derivatives and one column; ``None`` where nothing can be said."""
+        ...
+
+    def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
+        """Triangle of ``(J, columns, r)`` without the noise, and how many rows it stands for."""
+        ...
+
+
+def solve_triangle(triangle: FloatArray, rows: int) -> Regression | None:
+    """Regression by a triangle ``(p + 2, p + 2)`` of derivatives, column and residual."""
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    last = columns.shape[1] - 1
+    if triangle.shape[0] <= last:
+        return None
+    own, whole = abs(float(columns[last, last])), float(np.linalg.norm(columns[:, last]))
+    x = scaled_least_squares(columns, target)
+    left = float(np.linalg.norm(target - columns @ x))
+    error = left / np.sqrt(max(rows - columns.shape[1], 1)) / own if own else np.inf
+    along = -scaled_least_squares(columns[:last, :-1], columns[:last, last])
+    distinct = bool(own) and own >= policy.DIRECTION_LEFT * whole
+    return Regression(x[:-1], float(x[-1]), error, along, distinct)
+
+
+@dataclass(frozen=True)
+class AugmentedJacobian:
+    """Columns ``(J, further ones, r)`` of every series, made block by block.
+
+    Attributes
+    ----------
+    jacobians, columns, residuals
+        Shapes ``(n_i, p)``, ``(n_i,)`` or ``(n_i, q)``, and ``(n_i,)``.
+    roles
+        Channel of every series: each has noise of its own.
+    free
+        Whether an offset of its own takes the mean of a series: all columns are then free of
+        theirs.
+    """
+
+    jacobians: Sequence[FloatArray]
+    columns: Sequence[FloatArray]
+    residuals: Sequence[FloatArray]
+    roles: Sequence[str]
+    free: Sequence[bool]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of all series."""
+        return sum(r.size for r in self.residuals)
+
+    def _raw(self, k: int, at: slice) -> FloatArray:
+        return side_by_side(self.jacobians[k][at], self.columns[k][at], self.residuals[k][at])
+
+    @cached_property
+    def _means(self) -> list[FloatArray]:
+        """What is taken from the columns of every series."""
+        out = []
+        for k, (r, free) in enumerate(zip(self.residuals, self.free, strict=True)):
+            sums = (self._raw(k, at).sum(axis=0) for at in blocks(r.size)) if free else ()
+            out.append(np.asarray(sum(sums, np.zeros(1))) / r.size)
+        return out
+
+    def _blocks(self, k: int, order: int = 0) -> Iterator[FloatArray]:
+        """Blocks of one series, each with some rows of the one before."""
+        for at in blocks(self.residuals[k].size):
+            yield self._raw(k, slice(max(at.start - order, 0), at.stop)) - self._means[k]
+
+    @property
+    def tables(self) -> list[FloatArray]:
+        """All rows of every series, shape ``(n_i, p + q + 1)``."""
+        return [self._raw(k, slice(None)) - self._means[k] for k in range(len(self.residuals))]
+
+    @cached_property
+    def _plain(self) -> list[FloatArray]:
+        """Every series condensed."""
+        return [condense(self._blocks(k)) for k in range(len(self.residuals))]
+
+    @property
+    def finite(self) -> bool:
+        """Whether all numbers are."""
+        try:
+            return all(np.isfinite(x).all() for x in self._plain)
+        except np.linalg.LinAlgError:
+            return False
+
+    @cached_property
+    def whitened(self) -> FloatArray:
+        """Rows of all series as what the columns leave of the residual becomes white, condensed.
+
+        Shape ``(m, p + q + 1)``; every channel comes out with the variance of the first.
+        """
+        table = np.vstack(self._plain)
+        found = np.append(-scaled_least_squares(table[:, :-1], table[:, -1]), 1.0)
+        noise = [self._along(k, found) for k in range(len(self.residuals))]
+        models: dict[str, tuple[FloatArray, float]] = {}
+        for role in dict.fromkeys(self.roles):
+            own = [n for of, n in zip(self.roles, noise, strict=True) if of == role]
+            a, variance = fit_autoregression(own, int(min(_ORDER, min(n.size for n in own) // 10)))
+            models[role] = a, float(np.sqrt(variance)) or 1.0
+        first = models[self.roles[0]][1]
+        out = []
+        for k, role in enumerate(self.roles):
+            a, deviation = models[role]
+            white = self._plain[k]
+            if a.size:
+                white = condense(innovations(x, a) for x in self._blocks(k, a.size))
+            out.append(white * (first / deviation))
+        return np.vstack(out)
+
+    def _along(self, k: int, combination: FloatArray) -> FloatArray:
+        """A combination of the columns of one series, of a long one where it shows its colour."""
+        middle = middle_of(self.residuals[k].size)
+        parts = [
+            self._raw(k, slice(middle.start + at.start, middle.start + at.stop)) @ combination
+            for at in blocks(middle.stop - middle.start)
+        ]
+        values = joined(parts)
+        return np.asarray(values - values.mean())
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Rows as what is left of the residual becomes white; Rao's score test."""
+
+    augmented: AugmentedJacobian
+
+    def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
+        """As of :class:`NoiseTreatment`."""
+        table = _with_columns(self.augmented, columns)
+        if not table.finite:
+            return None
+        return np.asarray(np.linalg.qr(table.whitened, mode="r")), table.rows
+
+    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+        """As of :class:`NoiseTreatment`."""
+        found = self.triangle(columns)
+        return None if found is None else solve_triangle(*found)
+
+
+@dataclass(frozen=True)
+class Instrumented:
+    """Two-stage least squares: noise of an input is in residual and derivatives alike.
+
+    Attributes
+    ----------
+    instruments
+        Derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)`` each.
+        A further column is represented by its mean over rows before and after that share no
+        sample with it.
+    """
+
+    augmented: AugmentedJacobian
+    instruments: Sequence[FloatArray]
+
+    def triangle(self, columns: Sequence[FloatArray]) -> None:
+        """Nothing: several directions at once would be those of the noise."""
+        return
+
+    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+        """As of :class:`NoiseTreatment`."""
+        table = _with_columns(self.augmented, columns)
+        aside = [_aside(c) for c in columns]
+        represented = _with_columns(self.augmented, aside, self.instruments)
+        if not table.finite or not represented.finite:
+            return None
+        rows = table.tables
+        stacked = np.vstack(rows)
+        design, residual = stacked[:, :-1], stacked[:, -1]
+        instruments = np.vstack(represented.tables)[:, :-1]
+        projected = instruments @ explain(design, instruments)
+        triangle = np.asarray(np.linalg.qr(projected, mode="r"))
+        own, whole = abs(float(triangle[-1, -1])), float(np.linalg.norm(triangle[:, -1]))
+        x = scaled_least_squares(projected, residual)
+        cuts = np.cumsum([r.shape[0] for r in rows])[:-1]
+        spread = covariance(np.split(projected, cuts), np.split(residual - design @ x, cuts))
+        error = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
+        along = -scaled_least_squares(projected[:, :-1], design[:, -1])
+        distinct = own >= policy.DIRECTION_LEFT * whole > 0.0
+        return Regression(x[:-1], float(x[-1]), error, along, distinct)
+
+
+def _with_columns(
+    table: AugmentedJacobian,
+    columns: Sequence[FloatArray],
+    jacobians: Sequence[FloatArray] | None = None,
+) -> AugmentedJacobian:
+    known = table.jacobians if jacobians is None else jacobians
+    return AugmentedJacobian(known, columns, table.residuals, table.roles, table.free)
+
+
+def _aside(column: FloatArray) -> FloatArray:
+    """Mean of a column, shape ``(n,)``, over rows before and after every one."""
+    near, far = _ASIDE
+    total, k = np.concatenate(([0.0], np.cumsum(column))), np.arange(column.size)
+    first = np.clip([k - far, k + near], 0, column.size)
+    last = np.clip([k - near + 1, k + far + 1], 0, column.size)
+    sums, rows = (total[last] - total[first]).sum(axis=0), (last - first).sum(axis=0)
+    return np.asarray(sums / np.maximum(rows, 1))

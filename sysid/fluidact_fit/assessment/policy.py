@@ -1,0 +1,146 @@
+"""Thresholds of the examination: when a warning is raised, in one table.
+
+Every other module of the package reads its thresholds from here. Tolerances of an algorithm stand
+beside the algorithm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A number that decides about a warning: what it means, and the study or test behind it."""
+
+    value: float
+    meaning: str
+    evidence: str
+
+
+_TERMS = "tests/assessment/test_examinations.py; docs/evidence/red-team.md"
+_SHAPES = "tests/assessment/test_shapes.py"
+_INFLUENCE = "tests/assessment/test_influence.py, test_outliers.py"
+
+POLICY: dict[str, Threshold] = {}
+
+
+def _declare(name: str, value: float, meaning: str, evidence: str) -> float:
+    """Enter a threshold into the table; return its value."""
+    POLICY[name] = Threshold(value, meaning, evidence)
+    return value
+
+
+# fmt: off
+# the score test of one more term
+TERM_SEEN = _declare(
+    "term_seen",
+    3.0, "standard errors of a term that counts where a parameter would change noticeably",
+    _TERMS)
+TERM_CERTAIN = _declare(
+    "term_certain", 4.0, "standard errors of a term that counts anywhere", _TERMS)
+TERM_ONE_SIDED = _declare(
+    "term_one_sided",
+    0.4, "standard errors fewer for a term that has one possible sign", _TERMS)
+TERM_MOVES = _declare(
+    "term_moves", 2.0, "standard errors by which a parameter would move", _TERMS)
+TERM_MOVES_ONE_SIDED = _declare(
+    "term_moves_one_sided",
+    1.0, "the same for a term of one possible sign that is seen", _TERMS)
+NOTICEABLE = _declare(
+    "noticeable", 0.01, "part of a parameter whose change is noticeable", _TERMS)
+LEAST = _declare(
+    "least",
+    5e-4, "part of a parameter whose change no bench can tell",
+    "tests/assessment/test_examinations.py: clean strokes")
+LEAST_BY_SHAPE = _declare(
+    "least_by_shape",
+    5e-3, "the same for the shape of a channel: none is quite straight", _SHAPES)
+PREFER_PARAMETER = _declare(
+    "prefer_parameter",
+    0.8, "part of the best significance at which a parameter of the family is named instead",
+    "tests/assessment/test_examinations.py: a delay")
+DIRECTION_LEFT = _declare(
+    "direction_left",
+    1e-3, "part of a direction that the parameters leave over", _TERMS)
+FARTHEST_LAG = _declare(
+    "farthest_lag", 10.0, "times a lag that was tried, beyond which nothing is known",
+    _TERMS)
+# what hangs on given and held numbers
+HELD_MOVES = _declare(
+    "held_moves",
+    5.0, "standard errors by which a parameter hangs on one that was held",
+    "tests/assessment/test_examinations.py: a value that nobody knows")
+ANYTHING = _declare(
+    "anything", 10.0, "times its value that a parameter could be: anything", "wording")
+# samples and parts of the data
+ODD = _declare(
+    "odd", 1e-6, "probability of a residual that large among all", _INFLUENCE)
+ODD_MOVES = _declare(
+    "odd_moves",
+    0.5, "standard errors by which an odd sample may move a parameter", _INFLUENCE)
+ANY_MOVES = _declare(
+    "any_moves",
+    3.0, "standard errors by which any sample may move a parameter", _INFLUENCE)
+FAR = _declare(
+    "far", 10.0, "standard deviations that no noise reaches", _INFLUENCE)
+OUTLIER_SHARE = _declare(
+    "outlier_share", 0.005, "largest part of the samples that can be outliers",
+    _INFLUENCE)
+OUTLIER_LEVERAGE = _declare(
+    "outlier_leverage",
+    0.05, "leverage beyond which a sample holds a parameter that no other does", _INFLUENCE)
+HALVES = _declare(
+    "halves",
+    1e-4, "probability of a difference that large between parts of the data, or channels",
+    "tests/assessment/test_examinations.py: halves")
+HALVES_DIFFER = _declare(
+    "halves_differ", 0.02, "part of a parameter by which halves may differ", "as before")
+HALVES_KNOW = _declare(
+    "halves_know",
+    0.04, "part of what is known of a parameter that each half has to know", "as before")
+FEW = _declare(
+    "few", 50, "samples that are too few to judge by", "Ljung-Box needs some tens")
+# residuals
+CHANCE = _declare(
+    "chance",
+    1e-5, "probability below which it is no chance",
+    "tests/assessment/test_slow_errors.py, tests/test_feedback_and_spikes.py")
+ONE_SIDED = _declare(
+    "one_sided",
+    1.5, "times the correlation with the other side that feedback has",
+    "tests/test_feedback_and_spikes.py")
+FEEDBACK_BY_NOISE = _declare(
+    "feedback_by_noise", 0.7, "correlation within the sample that noise of an input never makes",
+    "tests/test_feedback_and_spikes.py: a regulator")
+INDEPENDENT = _declare(
+    "independent",
+    8.0, "independent samples an unknown: with fewer, errors of 4 standard errors were seen",
+    "tests/assessment/test_examinations.py: errors that last")
+WIDER = _declare(
+    "wider",
+    1.5, "times its standard error by which blocks show a parameter to be uncertain",
+    "tests/assessment/test_slow_errors.py")
+CHANNEL_MISSED = _declare(
+    "channel_missed",
+    1.15, "times its noise by which a channel is missed", "docs/evidence/red-team.md")
+HOLD_EVIDENCE = _declare(
+    "hold_evidence",
+    7.0, "log-likelihood that tells one hold from another: a thousand to one",
+    "tests/families/test_dynamic.py: the wrong hold")
+HOLD_EXPLAINS = _declare(
+    "hold_explains",
+    0.7, "part of the residual that another hold leaves at most where forces are in it",
+    "tests/families/test_dynamic.py")
+# verdict
+STRUCTURED = _declare(
+    "structured", 1e-3, "probability of a residual that is not white",
+    "tests/test_outcome.py")
+TIMES_NOISE = _declare(
+    "times_noise", 3.0, "times the noise that a structured residual may be", "as before")
+FIT_CLOSE = _declare(
+    "fit_close", 99.0, "fit [%] at which that no longer matters", "as before")
+FIT_WEAK = _declare(
+    "fit_weak", 60.0, "fit [%] below which a fit is weak", "as before")
+FIT_POOR = _declare(
+    "fit_poor", 20.0, "fit [%] below which a fit has failed", "as before")

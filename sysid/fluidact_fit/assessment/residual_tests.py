@@ -1,0 +1,237 @@
+"""What residuals show by themselves: noise or model error, channels missed, feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import erfc, sqrt
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.noise import noise_floor
+from ..estimation.uncertainty import fit_autoregression, innovations, whiteness
+from ..experiment import FloatArray, all_of, where_finite
+from ..family import Family, FamilyOptions, Solution, Variant
+from ..options import describe
+from ..outcome import Simulation, sum_of_squares
+from . import policy
+
+_LAGS = 10
+_PAST = 20  # highest order of an autoregression of input or residual
+_SERIES = 50_000  # samples of a run that are correlated
+
+
+def residual_to_noise(
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
+) -> float | None:
+    """Residual in units of the noise that output and inputs themselves show.
+
+    Near one, the residual is noise. Far above, it is what the model does not describe.
+    """
+    error, floor = 0.0, 0.0
+    for s, own in zip(fitted, _noise_through_model(family, solution, fitted)):
+        used = where_finite(s.residual)
+        samples = np.count_nonzero(used)
+        if samples < policy.FEW:
+            continue
+        error += sum_of_squares(all_of(s.residual, used))
+        floor += float(samples) * (noise_floor(all_of(s.measured, used), robust=False) ** 2 + own)
+    return sqrt(error / floor) if floor > 0.0 else None
+
+
+def _noise_through_model(
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
+) -> list[float]:
+    """Mean square that noise of the inputs adds to the residual of every run."""
+    if not solution.noise.inputs:
+        return [0.0] * len(fitted)
+    rng = np.random.default_rng(0)
+    moved = []
+    for e in (s.experiment for s in fitted):
+        for role, noise in solution.noise.inputs.items():
+            x = e.signals[role].values
+            e = e.with_readings(role, x + noise.sigma * rng.standard_normal(x.size))
+        moved.append(e)
+    again = family.simulate(solution.plant, moved)
+    return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
+
+
+def judge_channels(
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Judge the channels beside the output: entries for the file, and warnings."""
+    table: dict[str, Any] = {}
+    missed = []
+    for role in dict.fromkeys(role for s in fitted for role in s.also):
+        pairs = [s.others[role] for s in fitted if role in s.also]
+        found = _judge_channel(pairs, len(solution.names))
+        if found is None:
+            continue
+        table[role] = found
+        structured = found["p_value"] < policy.HALVES
+        if found["times_noise"] > policy.CHANNEL_MISSED and structured:
+            signal = next(s.experiment.signals[role] for s in fitted if role in s.also)
+            missed.append(
+                f"'{role}' by {signal.text(found['rmse'])} "
+                f"({found['times_noise']:.2g} times its noise)"
+            )
+    return table, [_channel_notice(family, solution, missed)] if missed else []
+
+
+def _judge_channel(
+    pairs: Sequence[tuple[FloatArray, FloatArray]], unknowns: int
+) -> dict[str, Any] | None:
+    """Residual of a channel over all runs, in its unit and in its noise."""
+    error, floor, residuals = 0.0, 0.0, []
+    for measured, simulated in pairs:
+        used = np.isfinite(measured) & np.isfinite(simulated)
+        if used.sum() < policy.FEW:
+            continue
+        residuals.append((measured - simulated)[used])
+        error += float(residuals[-1] @ residuals[-1])
+        floor += float(used.sum()) * _noise(measured[used], residuals[-1]) ** 2
+    if not residuals or floor <= 0.0:
+        return None
+    samples = sum(r.size for r in residuals)
+    return {
+        "rmse": sqrt(error / samples),
+        "times_noise": sqrt(error / floor),
+        "p_value": whiteness(residuals, unknowns).p_value,
+    }
+
+
+def _noise(measured: FloatArray, residual: FloatArray) -> float:
+    """Noise of a channel: what does not hang together, the steps of a converter included.
+
+    What is left of fast motion in differences of the channel is not in those of the residual.
+    """
+    return max(
+        noise_floor(residual, robust=True),
+        min(noise_floor(x, robust=False) for x in (measured, residual)),
+    )
+
+
+def _channel_notice(
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], missed: Sequence[str]
+) -> Notice:
+    given = [
+        f"--{o.name}"
+        for o in describe(family.options_type)
+        if o.kind == "float" and getattr(solution.options, o.name.replace("-", "_"))
+    ]
+    numbers = f"the given numbers ({', '.join(given)}), " if given else ""
+    return Notice(
+        "channel-missed",
+        f"the model misses {' and '.join(missed)}, in a way that is not random: something that was "
+        "given or recorded is not as the machine was, and the parameters make up for it. Check "
+        f"{numbers}scale and zero of the sensors, that one clock stamps all channels, and that "
+        "nothing leaks.",
+    )
+
+
+def find_feedback(
+    variant: Variant,
+    solution: Solution[FamilyOptions],
+    fitted: Sequence[Simulation],
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Correlation of the residual with the input before and after it.
+
+    Both are whitened first (Box and Jenkins). A residual that follows the input shows
+    dynamics that the model lacks; an input that follows the residual, feedback. What the model
+    lacks correlates with the future of an input as well where that can be told from its past
+    (a chirp), so feedback is only what is stronger on its own side. An input that answers within
+    the sample, as one computed from the output does, is feedback where the model answers it
+    later: what the model lacks, and noise of the input, are then in later samples only. Noise of an
+    input that the solution allows for is in the residual as well and tells nothing else.
+    """
+    table: dict[str, Any] = {}
+    notices: list[Notice] = []
+    for role in (r.name for r in variant.driving):
+        pairs = [pair for s in fitted if (pair := _whitened(s, role)) is not None]
+        count = sum(u.size for u, _ in pairs)
+        if count < 4 * policy.FEW:
+            continue
+        lags = range(1, _LAGS + 1)
+        past = np.array([sum(u[:-k] @ r[k:] for u, r in pairs) for k in lags])
+        future = np.array([sum(u[k:] @ r[:-k] for u, r in pairs) for k in lags])
+        now = np.array([sum(u @ r for u, r in pairs)])
+        noisy = role in solution.noise.inputs
+        strong = not noisy or abs(now[0]) > policy.FEEDBACK_BY_NOISE * count
+        at_once = strong and _is_feedback(now, past, count)
+        if at_once and not _answers_at_once(solution, fitted, role):
+            future = np.append(now, future)
+        elif noisy:
+            continue
+        first = _LAGS + 1 - future.size
+        table[role] = {
+            "residual_follows_input": _significance(past / sqrt(count)),
+            "input_follows_residual": _significance(future / sqrt(count)),
+        }
+        if _is_feedback(future, past, count):
+            notices.append(_feedback_notice(role, int(np.argmax(np.abs(future))) + first))
+    return table, notices
+
+
+def _is_feedback(future: FloatArray, past: FloatArray, count: int) -> bool:
+    alone = np.abs(future).max() > policy.ONE_SIDED * np.abs(past).max()
+    return bool(alone) and _significance(future / sqrt(count)) < policy.CHANCE
+
+
+def _answers_at_once(
+    solution: Solution[FamilyOptions], fitted: Sequence[Simulation], role: str
+) -> bool:
+    """Whether the model answers an input within the sample."""
+    s = max(fitted, key=lambda one: one.experiment.samples)
+    values, k = s.experiment[role], s.experiment.samples // 2
+    other = values.copy()
+    other[k] += float(np.ptp(values))
+    before, after = (
+        solution.simulate_near(solution.plant, [e])[0].output
+        for e in (s.experiment, s.experiment.with_readings(role, other))
+    )
+    change = np.abs(np.asarray(after) - before)
+    return bool(change[k] > 0.01 * np.nanmax(change[k:]))
+
+
+def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:
+    """Innovations of input and residual, of unit variance; None when one has none.
+
+    Samples that the model leaves out at the beginning, within a dead time, are left out here.
+    """
+    size = run.measured.size
+    if role not in run.experiment or run.experiment.signals[role].time.size != size:
+        return None
+    residual = np.asarray(run.residual[:_SERIES])
+    known = np.flatnonzero(np.isfinite(residual))
+    first = int(known[0]) if known.size else 0
+    residual = residual[first:]
+    if residual.size < 2 * policy.FEW or not np.all(np.isfinite(residual)):
+        return None
+    out = []
+    for series in (run.experiment[role][first : first + residual.size], residual):
+        centred = series - series.mean()
+        a, variance = fit_autoregression([centred], _PAST)
+        innovation = innovations(centred, a)[_PAST - a.size :]
+        spread = float(innovation.std())
+        if spread <= 1e-4 * float(centred.std()) or spread == 0.0 or variance <= 0.0:
+            return None
+        out.append((innovation - innovation.mean()) / spread)
+    return out[0], out[1]
+
+
+def _significance(correlations: FloatArray) -> float:
+    """Probability that independent series show a correlation this large at any lag."""
+    largest = float(np.max(np.abs(correlations)))
+    return min(1.0, correlations.size * erfc(largest / sqrt(2.0)))
+
+
+def _feedback_notice(role: str, lag: int) -> Notice:
+    when = f"{lag} {'sample' if lag == 1 else 'samples'} later" if lag else "in the same sample"
+    return Notice(
+        "closed-loop",
+        f"'{role}' follows the residual of the output {when}: the log was recorded "
+        "in closed loop, where noise of the output comes back through the input and biases the "
+        "parameters. Record with the controller off or with an added excitation, or with a "
+        "cleaner sensor.",
+    )

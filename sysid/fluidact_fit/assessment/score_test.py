@@ -1,0 +1,178 @@
+"""Rao's score test of every term that a model may lack, without another fit.
+
+Where the residual has a significant part in the direction of a term, and taking it along would move
+a parameter by more than its interval, the interval does not hold what it says and the fit must
+not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.least_squares import scaled_least_squares
+from ..estimation.uncertainty import covariance, is_coarse
+from ..experiment import FloatArray
+from ..rows import is_kept
+from ..units import as_share
+from . import policy
+from .corrected_score import beside_copies
+from .optimum import Optimum
+from .terms import Term, terms_at_any_time, terms_over_time
+
+_QUANTISED = 1.5  # times its standard error from white noise that one is by a converter
+
+
+def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Judge every term that the model may lack: entries for the file, and a warning."""
+    whole = beside_copies(at)
+    part = whole.part
+    judged = chain(
+        (judge_term(whole, t) for t in terms_over_time(whole)),
+        (judge_term(part, t) for t in terms_at_any_time(part)),
+    )
+    scores = [s for s in judged if s is not None]
+    table = {s.term.name: s.entry for s in scores}
+    significant = [s for s in scores if s.significant]
+    if not significant:
+        return table, []
+    enough = policy.PREFER_PARAMETER * max(abs(s.deviations) for s in significant)
+    offered = [s for s in significant if s.term.offered and abs(s.deviations) > enough]
+    best = max(offered or significant, key=lambda s: abs(s.deviations))
+    return table, [_notice(at, best)]
+
+
+@dataclass(frozen=True)
+class Score:
+    """What adding a term would do.
+
+    ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
+    ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
+    ``share`` is the largest part of its value that one would move by, significantly. It is
+    ``bounded`` unless a coarse converter may have more to do with it than the standard errors say.
+    """
+
+    term: Term
+    size: float
+    deviations: float
+    parameter: str
+    shift: float
+    errors: float
+    share: float
+    bounded: bool = True
+
+    @property
+    def needed(self) -> float:
+        """Standard errors of the term from which it counts: fewer where it would change much."""
+        one_sided = self.term.positive and self.size >= 0.0
+        if self.term.positive and not one_sided:
+            return policy.TERM_CERTAIN
+        seen = self.share > policy.NOTICEABLE
+        least = policy.TERM_SEEN if seen else policy.TERM_CERTAIN
+        return least - policy.TERM_ONE_SIDED * one_sided
+
+    @property
+    def significant(self) -> bool:
+        """Whether the term is there, and matters."""
+        possible = abs(self.size) <= self.term.most and self.share >= self.term.least
+        there = abs(self.deviations) > self.needed
+        return possible and there and abs(self.errors) > _needed_move(self.term, self.deviations)
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """For the file: also how large the term could be unseen, and what it would then move."""
+        found: dict[str, Any] = {
+            "size": self.size, "unit": self.term.unit, "deviations": self.deviations,
+            "parameter": self.parameter, "shift": self.shift, "standard_errors": self.errors,
+        }  # fmt: skip
+        if self.size and self.deviations and self.bounded:
+            size = min(self.needed * abs(self.size / self.deviations), self.term.most)
+            found["unseen_size"] = size
+            found["unseen_shift"] = size * abs(self.shift / self.size)
+        return found
+
+
+def judge_term(at: Optimum, term: Term) -> Score | None:
+    """Size and significance of a term; ``None`` where the parameters can stand for it."""
+    found = at.regress(term.columns)
+    if found is None or not found.distinct:
+        return None
+    plain = _score(at, term, found.shifts, found.size, found.error)
+    return _beside_converter(at, term, plain)
+
+
+def _score(at: Optimum, term: Term, shifts: FloatArray, size: float, error: float) -> Score:
+    errors = shifts / at.errors
+    values = np.abs([at.number(n) for n in at.names])
+    shares = np.full(values.size, np.inf)  # whatever is added to zero
+    np.divide(np.abs(shifts), values, out=shares, where=values > np.finfo(float).tiny)
+    worst = int(np.argmax(np.abs(errors)))
+    deviations = _as_one(size / max(error, 1e-300), term.chosen)
+    shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
+    kept = replace(term, columns=())  # those of many terms are too much to keep
+    return Score(
+        kept, size, deviations, at.names[worst], float(shifts[worst]), float(errors[worst]),
+        float(shares.max()),
+    )  # fmt: skip
+
+
+def _needed_move(term: Term, deviations: float) -> float:
+    """Standard errors by which a parameter has to move for a term to matter.
+
+    Noise may take as much from an error as the term added to it; where hardly a right model shows
+    such a term, less of a move is enough.
+    """
+    seen = term.positive and deviations > policy.TERM_SEEN
+    return policy.TERM_MOVES_ONE_SIDED if seen else policy.TERM_MOVES
+
+
+def _as_one(deviations: float, chosen: int) -> float:
+    """Standard errors of one direction that are as rare as these of the best of several."""
+    if chosen == 1:
+        return deviations
+    spread = 2.0 / (9.0 * chosen)
+    cube = np.cbrt(deviations**2 / chosen)
+    return float(np.copysign(max((cube - 1.0 + spread) / np.sqrt(spread), 0.0), deviations))
+
+
+def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
+    """The same by rows as they are, with the errors of a coarse converter not taken for noise.
+
+    That takes longer, and is asked only where it may excuse what would be said. Of other terms it
+    is not known then how large they could be without a word.
+    """
+    steps = [s.resolution for s in at.series]
+    if at.treatment or at.instruments or not all(map(is_kept, at.jacobians)):
+        return plain
+    if not is_coarse(max(steps), at.sigma):
+        return plain
+    if not plain.significant:
+        return replace(plain, bounded=not at.is_less_certain(_QUANTISED))
+    tables = at.augmented(term.columns).tables
+    columns, rest = [t[:, :-1] for t in tables], [t[:, -1] for t in tables]
+    x = scaled_least_squares(np.vstack(columns), np.concatenate(rest))
+    left = [r - c @ x for c, r in zip(columns, rest, strict=True)]
+    free = sum(s.own_level for s in at.series)
+    readings = list(zip(at.measured, steps, strict=True))
+    spread = covariance(columns, left, readings=readings, local_unknowns=free)
+    error = float(np.sqrt(spread.covariance[-1, -1]))
+    other = _score(at, term, x[:-1], float(x[-1]), error)
+    return min(plain, other, key=lambda s: abs(s.deviations))
+
+
+def _notice(at: Optimum, s: Score) -> Notice:
+    value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
+    share = as_share(s.shift, value)
+    moved = f"would then change by {s.shift:+.3g}{at.unit(s.parameter)}{share}, more than its "
+    moved += "interval allows for"
+    if not spec.minimum <= value + s.shift <= spec.maximum:
+        moved = "would then leave its range: it cannot be trusted"
+    return Notice(
+        "unmodelled-response",
+        f"something is missing from the model: the data fit better if {s.term.words(s.size)} "
+        f"({abs(s.deviations):.0f} standard errors). {s.parameter} {moved}. {s.term.remedy}",
+    )

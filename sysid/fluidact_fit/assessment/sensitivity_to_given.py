@@ -1,0 +1,137 @@
+"""What rests on numbers that were given, held or assumed, and not measured.
+
+A mass from a data sheet, a value that was fixed, and the assumption that all channels were read at
+the same instant enter the estimate like data, without a standard error; so does the neutral value
+of a parameter that the data cannot determine. How far the others would move with each follows
+from one simulation: ``-(J'J)^-1 J' c`` for a change ``c`` of the output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.solution import moved
+from ..experiment import FloatArray
+from ..options import describe
+from ..units import after_number, as_share
+from . import policy
+from .optimum import Optimum, delayed
+
+_PERCENT = 0.01
+
+
+def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """What an error of every given number would do, for the file; it is no fault of the fit.
+
+    An entry has the parameter that would move most, its ``shift`` and that in its standard
+    errors, and in how many standard errors the residual would show it.
+    """
+    part = at.part
+    found = {"one_sample_late": _late(part), "one_percent_more": _other_numbers(part)}
+    # what a part shows, the whole shows by as much more as the root of their samples
+    more = float(np.sqrt(at.samples / part.samples))
+    table = {
+        key: {name: e for name, c in rows if (e := _reliance(part, c, more))}
+        for key, rows in found.items()
+    }
+    return {key: rows for key, rows in table.items() if rows}, []
+
+
+def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Every input one sample later than recorded."""
+    runs = at.experiments
+    if all(e.time.size > 1 for e in runs):
+        step = min(e.sample_time for e in runs)
+        for role in at.driving:
+            yield role, at.change([delayed(e, role, step) for e in runs])
+
+
+def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Every fixed parameter and every number among the options one per cent larger."""
+    for name, q in at.solution.parameters.items():
+        if q.status == "fixed" and isinstance(q.value, float) and q.value:
+            yield name, at.change(plant=moved(at.plant, name, _PERCENT * q.value))
+    for option in describe(at.family.options_type):
+        field = option.name.replace("-", "_")
+        value = getattr(at.plant.options, field)
+        if option.kind == "float" and value:
+            options = replace(at.plant.options, **{field: value * (1.0 + _PERCENT)})
+            yield option.name, at.change(plant=replace(at.plant, options=options))
+
+
+def _reliance(at: Optimum, columns: Sequence[FloatArray], more: float) -> dict[str, Any]:
+    """How the parameters make up for a change of the output, and what is left of it."""
+    found = at.regress(columns)
+    if found is None:
+        return {}
+    errors = found.along / at.errors
+    worst = int(np.argmax(np.abs(errors)))
+    return {
+        "parameter": at.names[worst],
+        "shift": float(found.along[worst]),
+        "standard_errors": float(errors[worst]),
+        "seen_in_residual": more / max(found.error, 1e-300),
+    }
+
+
+def find_conditional(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Parameters whose intervals take a value for true that nobody knows.
+
+    The data leave a parameter that was held within two standard errors of the size of its
+    derivative beside the others, cut at its physical range.
+    """
+    table: dict[str, Any] = {}
+    notices = []
+    for name, q in at.solution.parameters.items():
+        if q.status == "not_identified" and isinstance(q.value, float):
+            found = _dependences(at, name)
+            if found:
+                table[name] = [_finite(d) for d in found]
+                notices.append(_notice(at, name, max(found, key=lambda d: float(d["errors"]))))
+    return table, notices
+
+
+def _finite(entry: dict[str, Any]) -> dict[str, Any]:
+    """For the file, which holds no infinity."""
+    return {k: v for k, v in entry.items() if isinstance(v, str) or np.isfinite(v)}
+
+
+def _dependences(at: Optimum, held: str) -> list[dict[str, Any]]:
+    """Every parameter that would leave its interval for a possible value of the held one."""
+    spec, value = at.variant.parameter(held), at.number(held)
+    columns = at.slopes(at.plant, held)
+    found = at.regress(columns) if columns is not None else None
+    if found is None or not any(map(np.any, columns or ())):
+        return []
+    ends = value + found.size + 2.0 * found.error * np.array([-1.0, 1.0])
+    low, high = (float(x) for x in np.clip(ends, spec.minimum, spec.maximum))
+    reach = max(low - value, high - value, key=abs)
+    shifts = found.along * reach
+    return [
+        {"low": low, "high": high, "parameter": name, "shift": float(shift),
+         "errors": abs(float(shift)) / float(error)}
+        for name, shift, error in zip(at.names, shifts, at.errors)
+        if abs(shift) > policy.HELD_MOVES * error
+    ]  # fmt: skip
+
+
+def _notice(at: Optimum, held: str, worst: dict[str, Any]) -> Notice:
+    """A warning of what hangs most on a value that was not determined."""
+    spec, value = at.variant.parameter(held), at.number(worst["parameter"])
+    shift = f"{value + worst['shift']:.3g} instead of {value:.3g}"
+    if not abs(worst["shift"]) < policy.ANYTHING * abs(value):
+        shift = "anything"
+    else:
+        shift += as_share(worst["shift"], value)
+    return Notice(
+        "conditional",
+        f"the intervals hold only if {held} is {at.number(held):.4g}{after_number(spec.unit)}, "
+        "which the data do not determine: with another one that they allow "
+        f"{worst['parameter']} would be {shift}. "
+        f"Fix it if you know it (--fix {held}=VALUE), or record what determines it. {spec.remedy}",
+    )

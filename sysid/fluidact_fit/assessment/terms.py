@@ -1,0 +1,468 @@
+"""The table of terms: everything that a model may lack, as directions of the output.
+
+To examine a fit for something else, add a generator here; to examine one family for something,
+declare it in :meth:`.Family.unmodelled_effects`. Every term is judged alike
+(:mod:`.score_test`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ..estimation.least_squares import scaled_least_squares
+from ..estimation.noise import noise_floor
+from ..estimation.recursion import behind_play, run_recursion
+from ..experiment import Experiment, FloatArray, Signal, all_of
+from ..family import ParameterSpec
+from ..options import describe
+from ..rows import blocks, by_rows
+from ..units import after_number
+from . import policy
+from .optimum import Optimum, Series, delayed, root_mean_square
+
+_LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
+_SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
+_SAMPLED = 2.0  # ratio of the changes by a whole sample and a tenth, up to which they are one
+_ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
+_PART = 0.01  # of its range, by which a channel is bowed, and most play of one
+_PLACES = 9  # over the range of an input, between which its characteristic is straight
+_NARROW = 0.001  # of its range, of which play is: wider, it begins late after a reversal
+_ABOVE = 6.0  # times its noise, of which it has to be: narrower, it follows the noise
+_CLOCK = "Check that one clock stamps all channels; look for delays of filters, buses and valves."
+_LAG = (
+    "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
+    "that this family does not have. A lead: look for those of an input, or for a missing mass. "
+    "Noise of an input and gaps look alike; settle what is said of them first."
+)
+_PLAY = (
+    "Check the coupling of the sensor, its hysteresis, and friction beside what the model has: "
+    "they look alike."
+)
+_BOW = (
+    "Check the characteristic of the sensor or valve (--scale is a straight line), or fit a "
+    "smaller range; the family force-map takes any shape."
+)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One thing that a model may lack.
+
+    Attributes
+    ----------
+    name, unit
+        As the file has them.
+    words, remedy
+        What a size would mean (what follows "the data fit better if"), and what to do.
+    columns
+        Directions of every series per unit of the size, as the residuals are, ``(n_i,)``.
+    offered
+        Whether it is a parameter of the family, which is named first.
+    most
+        Largest possible size: beyond it the direction, or the channel, says nothing.
+    least
+        Part of a parameter that it has to move to count.
+    chosen
+        Out of how many directions the residual itself has chosen this one: by chance it then has
+        as much of it as of all of them.
+    positive
+        Whether the size cannot be negative.
+    """
+
+    name: str
+    unit: str
+    words: Callable[[float], str]
+    remedy: str
+    columns: Sequence[FloatArray]
+    offered: bool = False
+    most: float = np.inf
+    least: float = policy.LEAST
+    chosen: int = 1
+    positive: bool = False
+
+
+def terms_over_time(at: Optimum) -> Iterator[Term]:
+    """What changes from one log to another, or on the way: judged over whole logs."""
+    yield from _levels(at)
+    for role in at.roles:
+        yield _drift(at, role)
+
+
+def terms_at_any_time(at: Optimum) -> Iterator[Term]:
+    """What is always there: parameters and effects of the family, delays, lags, shapes."""
+    yield from _parameters(at)
+    yield from _effects(at)
+    if not all(e.time.size for e in at.experiments):
+        return  # rows without an order
+    step = min(e.sample_time for e in at.experiments)
+    for role in at.driving:
+        yield _delay(at, role, step)
+    for role in at.roles:
+        yield from _lags(at, role, step)
+        yield from _output_play(at, role)
+    for role in at.driving:
+        if role not in at.roles:
+            yield from _input_shapes(at, at.signal(role))
+
+
+def _levels(at: Optimum) -> Iterator[Term]:
+    """An output that lies beside that of the other logs, unless each has an offset of its own."""
+    role = at.variant.output
+    logs = {s.experiment.log: s.experiment.name.split("#")[0] for s in at.series}
+    if len(logs) < 2 or any(s.own_level for s in at.series):
+        return
+    signal = at.signal(role.name)
+    for log, name in logs.items():
+        yield Term(
+            f"offset of log {log + 1}", signal.unit,
+            partial(_level_words, name, signal), "Check the zero of the sensors, and whether this "
+            "log is of the same machine in the same state; fit it by itself.",
+            [np.full(int(s.used.sum()), (s.role == role.name and s.experiment.log == log) / s.scale)
+             for s in at.series],
+        )  # fmt: skip
+
+
+def _level_words(name: str, signal: Signal, size: float) -> str:
+    side = "above" if size > 0.0 else "below"
+    return f"'{signal.role}' of {name} lies {signal.text(abs(size))} {side} that of the other logs"
+
+
+def _drift(at: Optimum, role: str) -> Term:
+    """A channel that drifts: with the time, or from the first row of a log to the last."""
+    unit, text = at.signal(role).unit, at.signal(role).text
+    of, it = ("", "the output") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
+    timed = all(s.experiment.time.size for s in at.series)
+    columns = []
+    for s in at.series:
+        t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
+        since, size = t[0] if timed else 0.0, (s.role == role) / s.scale
+        columns.append(by_rows(partial(_ramp, since=since, size=size), all_of(t, s.used)))
+    per = "a second" if timed else "from the first row of a log to the last"
+    return Term(
+        f"drift{of}", f"{unit}/s" if timed else unit,
+        lambda size: f"{it} drifts by {text(size)} {per}",
+        "Let the sensor warm up, or cut the log with --window." if timed else
+        "Go back to the first position at the end and compare. In sorted rows, or in a single "
+        "sweep, a drift cannot be told from the curve or from play.", columns,
+    )  # fmt: skip
+
+
+def _ramp(t: FloatArray, since: float, size: float) -> FloatArray:
+    return (t - since) * size
+
+
+def _parameters(at: Optimum) -> Iterator[Term]:
+    """Parameters of the family that were not estimated."""
+    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees}
+    table = at.solution.parameters
+    held = [n for n, q in table.items() if q.status == "fixed" and isinstance(q.value, float)]
+    for name in dict.fromkeys((*held, *(n for n in freed if n not in table))):
+        spec = at.variant.parameter(name)
+        known = table.get(name, table.get(spec.general))
+        if known is not None and known.status == "not_identified":
+            continue  # its parts are no better known
+        value = known.number if known is not None else spec.neutral or 0.0
+        columns = at.slopes(replace(at.plant, values={**at.plant.values, name: value}), name)
+        if columns is None:
+            continue
+        option = f"another --fix {name}=VALUE"
+        if name in freed:
+            option = f"--{freed[name].name}={freed[name].choices[-1]}"
+        apart = spec.general and name not in table
+        words = partial(_apart, spec) if apart else partial(_instead, spec, value)
+        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True)
+
+
+def _effects(at: Optimum) -> Iterator[Term]:
+    """What a machine of this family may do that no parameter stands for.
+
+    One of several directions, such as initial states, is judged by the one that the residual
+    chooses.
+    """
+    for effect in at.family.unmodelled_effects(at.plant):
+        found = effect.response(at.experiments, at.solution.simulate_near)
+        if not any(found):
+            continue  # not known of these runs
+        channels = [found[s.run].get(s.role, np.zeros(s.used.size)) for s in at.series]
+        unit = at.signal(effect.of).unit if effect.of else effect.unit
+        words = partial(_effect_words, effect.name, effect.words, effect.positive, unit)
+        term = Term(effect.name, unit, words, effect.remedy, (), positive=effect.positive)
+        if all(c.ndim == 1 for c in channels):
+            yield replace(term, columns=at.columns(channels))
+            continue
+        several = [all_of(c, s.used) / s.scale for c, s in zip(channels, at.series, strict=True)]
+        together = _together(at, several, 1.0)
+        if together is not None:
+            sizes, count = together
+            yield replace(term, columns=[c @ sizes for c in several], chosen=count)
+
+
+def _effect_words(name: str, words: str, positive: bool, unit: str, size: float) -> str:
+    return _impossible(name, size, unit) if positive and size < 0.0 else words
+
+
+def _impossible(name: str, value: float, unit: str) -> str:
+    return f"{name} were {value:.3g}{after_number(unit)}, which cannot be"
+
+
+def _instead(spec: ParameterSpec, value: float, change: float) -> str:
+    """What another value of a parameter would be."""
+    if not spec.minimum <= value + change <= spec.maximum:
+        return _impossible(spec.name, value + change, spec.unit)
+    return (
+        f"{spec.name} is about {value + change:.3g}{after_number(spec.unit)} instead of {value:.3g}"
+    )
+
+
+def _apart(spec: ParameterSpec, change: float) -> str:
+    """How far a parameter is from the one that stood for it, which moves too."""
+    side = "above" if change > 0.0 else "below"
+    return f"{spec.name} is {abs(change):.3g}{after_number(spec.unit)} {side} {spec.general}"
+
+
+def _delay(at: Optimum, role: str, step: float) -> Term:
+    """An input that acts later than recorded."""
+
+    def words(size: float) -> str:
+        when = "later" if size > 0.0 else "earlier"
+        return f"'{role}' acts {1e3 * abs(size):.3g} ms {when} than recorded"
+
+    return Term(f"delay of {role}", "s", words, _CLOCK, _later(at, role, step))
+
+
+def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
+    """Change of the output per second that an input comes later.
+
+    A model that reads a held input at its samples sees nothing of a shift by part of a sample
+    but a whole one. Half the difference of a delay and a lead by one sample is then the
+    derivative; as with :func:`_behind`, noise of the input does not tell it from the residual.
+    """
+    runs = at.experiments
+    near = at.change([delayed(e, role, _SHIFT * step) for e in runs])
+    if all(e.signals[role].hold == "zoh" for e in runs):
+        late = at.change([_shifted(e, role, 1) for e in runs])
+        if root_mean_square(late) < _SAMPLED * root_mean_square(near):
+            early = at.change([_shifted(e, role, -1) for e in runs])
+            return [(a - b) / (2.0 * step) for a, b in zip(late, early, strict=True)]
+    return [c / (_SHIFT * step) for c in near]
+
+
+def _shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
+    """The same run with the readings of an input that many rows later; the ends keep theirs."""
+    values = experiment[role]
+    source = np.clip(np.arange(values.size) - rows, 0, values.size - 1)
+    return experiment.with_readings(role, values[source])
+
+
+def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """Lags behind a channel that was fitted."""
+    of, response = ("", "the response") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
+    for lag in _LAGS:
+        columns = [_behind(at, s, lag * step) if s.role == role else np.zeros(int(s.used.sum()))
+                   for s in at.series]  # fmt: skip
+        yield Term(
+            f"lag{of} of {lag:g} samples", "s",
+            lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
+            f"{1e3 * abs(size):.3g} ms",
+            _LAG, columns, most=policy.FARTHEST_LAG * lag * step,
+        )  # fmt: skip
+
+
+def _behind(at: Optimum, s: Series, lag: float) -> FloatArray:
+    """Change of a simulated channel per second of a first-order lag [s] behind it.
+
+    The noise of a measured input is in the simulated output and, with the opposite sign, in
+    the residual, which would be taken for a lag. It has no direction in time: half the
+    difference of a lag and a lead is free of it.
+    """
+    e, t, step = s.experiment, s.experiment.time, s.experiment.sample_time
+    grid, even = None, s.simulated
+    if not e.uniform or abs(float(t[-1] - t[0]) - (t.size - 1) * step) > 0.5 * step:
+        grid = np.arange(t[0], t[-1] + step, step)
+        even = np.interp(grid, t, s.simulated)
+    change = _lagging(even, step, lag)
+    change -= even
+    if noise_floor(even) > _ROUGH * at.sigma * s.scale:
+        lead = _lagging(even[::-1], step, lag)[::-1]
+        change = 0.5 * (change - (lead - even))
+    if grid is not None:
+        change = np.interp(t, grid, change)
+    return np.asarray(all_of(change, s.used) / (lag * s.scale))
+
+
+def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
+    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s], from rest."""
+    decay = float(np.exp(-step / lag))
+    ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
+    out, before, held = np.empty(even.size), float(even[0]), float(even[0])
+    for at in blocks(even.size):
+        driven = (1.0 - ramp) * even[at]
+        driven[0] += (ramp - decay) * before + decay * held
+        driven[1:] += (ramp - decay) * even[at][:-1]
+        out[at] = run_recursion(driven, [decay])
+        before, held = float(even[at][-1]), float(out[at][-1])
+    return out
+
+
+def _output_play(at: Optimum, role: str) -> Iterator[Term]:
+    """Play ``w`` of a sensor: ``x - w/2`` on the way up, ``x + w/2`` on the way down."""
+    own = [s.simulated for s in at.series if s.role == role]
+    width = _width([all_of(values, np.isfinite(values)) for values in own])
+    if width is None:
+        return
+    channels = []
+    for s in at.series:
+        change = np.zeros(s.simulated.size)
+        if s.role == role:
+            known = np.isfinite(s.simulated)
+            values = all_of(s.simulated, known)
+            change[known] = (behind_play(values, width) - values) / width
+        channels.append(change)
+    yield _shape(at, "play of", role, _played, _PLAY, at.columns(channels))
+
+
+def _shape(
+    at: Optimum, name: str, role: str, words: Callable[[Signal, float], str], remedy: str,
+    columns: Sequence[FloatArray], unit: str = "",
+) -> Term:  # fmt: skip
+    """A term of the shape of a channel: no larger than its range, and none is quite straight."""
+    signal = at.signal(role)
+    ends = [(float(e[role].min()), float(e[role].max())) for e in at.experiments if role in e]
+    span = max(high for _, high in ends) - min(low for low, _ in ends)
+    return Term(
+        f"{name} {role}", unit or signal.unit, partial(words, signal), remedy, columns,
+        most=1.0 if unit else span, least=policy.LEAST_BY_SHAPE,
+    )  # fmt: skip
+
+
+def _width(records: Sequence[FloatArray]) -> float | None:
+    """Width of play that records show, ``None`` where it would be lost in their noise."""
+    known = [r for r in records if r.size]
+    if not known:
+        return None
+    span = max(float(r.max()) for r in known) - min(float(r.min()) for r in known)
+    width = max(_NARROW * span, _ABOVE * max(noise_floor(r) for r in known))
+    return width if 0.0 < width <= _PART * span else None
+
+
+def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
+    """Characteristic of an input that is not straight, and its play."""
+    role = signal.role
+    values = [e[role] for e in at.experiments]
+    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    if low == high:
+        return
+    yield from _characteristic(at, role, (low, high))
+    width = _width(values)
+    if width is not None:
+        change = _change(at, role, lambda x: behind_play(x, width), width)
+        if change is not None:
+            yield _shape(at, "play of", role, _played, _PLAY, change)
+
+
+def _characteristic(at: Optimum, role: str, span: tuple[float, float]) -> Iterator[Term]:
+    """A bow, other gain and offset below zero, and any curve of straight lines between places."""
+    places, known = np.linspace(*span, _PLACES), list[int]()
+    reach = _PART * (span[1] - span[0])
+    table = [np.zeros((r.size, _PLACES)) for r in at.residuals]
+    for k, only in enumerate(np.eye(_PLACES)):
+        hat = _change(at, role, partial(_raised, places=places, by=reach * only), reach)
+        if hat is None:
+            continue
+        for c, values in zip(table, hat, strict=True):
+            c[:, len(known)] = values
+        known.append(k)
+    if not known:
+        return
+    hats = [c[:, : len(known)] for c in table]
+    place = np.asarray(places[known], dtype=float)
+    bow = 1.0 - (2.0 * (place - span[0]) / (span[1] - span[0]) - 1.0) ** 2
+    yield _shape(at, "bow of", role, _bowed, _BOW, [c @ bow for c in hats])
+    if span[0] < 0.0 < span[1]:
+        below = np.minimum(place, 0.0)
+        yield _shape(at, "gain below zero of", role, _steeper, _BOW, [c @ below for c in hats], "1")
+        aside = _change(at, role, lambda x: x + reach * (x < 0.0), reach)
+        if aside is not None:
+            yield _shape(at, "offset below zero of", role, _aside, _BOW, aside)
+    found = _together(at, hats, reach)
+    if found is None:
+        return
+    sizes, count = found
+    most = int(np.argmax(np.abs(sizes)))
+    words = partial(_bent, float(np.sign(sizes[most])), float(place[most]))
+    shape = sizes / max(abs(sizes[most]), np.finfo(float).tiny)
+    curve = _shape(at, "characteristic of", role, words, _BOW, [c @ shape for c in hats])
+    yield replace(curve, chosen=count)
+
+
+def _raised(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
+    return x + np.interp(x, places, by)
+
+
+def _change(
+    at: Optimum, role: str, other: Callable[[FloatArray], FloatArray], size: float
+) -> list[FloatArray] | None:
+    """What another reading of an input changes, per unit of its size."""
+    found = at.change([e.with_readings(role, other(e[role])) for e in at.experiments])
+    if not root_mean_square(found) > 1e-12 * at.sigma:
+        return None
+    return [c / size for c in found]
+
+
+def _together(
+    at: Optimum, columns: Sequence[FloatArray], scale: float
+) -> tuple[FloatArray, int] | None:
+    """Sizes of several directions at once, as the residual has them beside the parameters.
+
+    What the parameters can do as well is left to them: of sizes that fit alike these are the
+    least, ``scale`` being what is to be expected of one.
+
+    Returns
+    -------
+    The sizes, shape ``(q,)``, and how many of the directions are not those of parameters; ``None``
+    where none is.
+    """
+    p, q = at.jacobians[0].shape[1], columns[0].shape[1]
+    found = at.noise.triangle(columns)
+    if found is None or found[1] <= p + q + 1:
+        return None
+    triangle, rows = found
+    own, target = triangle[p : p + q, p:-1], triangle[p : p + q, -1]
+    whole = np.linalg.norm(triangle[:, p:-1], axis=0).max()
+    left = np.linalg.svd(own, compute_uv=False) > policy.DIRECTION_LEFT * whole
+    sigma = float(np.linalg.norm(triangle[p + q :, -1])) / np.sqrt(rows - p - q)
+    if not left.any():
+        return None
+    expected = np.eye(q) * (sigma / scale)
+    sizes = scaled_least_squares(np.vstack((own, expected)), np.append(target, np.zeros(q)))
+    return sizes, int(left.sum())
+
+
+def _played(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' shows {_more(signal, -size)} on the way up than on the way down"
+
+
+def _bowed(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' is a curve, {_more(signal, size)} amid its range than a straight line"
+
+
+def _aside(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' acts as {_more(signal, size)} than it shows where it is negative"
+
+
+def _steeper(signal: Signal, size: float) -> str:
+    change = f"{abs(100.0 * size):.3g} % {'more' if size > 0.0 else 'less'}"
+    return f"'{signal.role}' acts by {change} where it is negative than elsewhere"
+
+
+def _bent(sign: float, place: float, signal: Signal, size: float) -> str:
+    change = _more(signal, sign * size)
+    return f"'{signal.role}' acts as {change} at {signal.text(place)} than it shows"
+
+
+def _more(signal: Signal, size: float) -> str:
+    return f"{signal.text(abs(size))} {'more' if size > 0.0 else 'less'}"
