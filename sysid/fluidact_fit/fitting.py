@@ -13,13 +13,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .assessment import most_outliers, set_aside
+from .document_assembly import FitContext, make_parameter_document
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
 from .estimation.price import Price, counting
 from .experiment import Experiment
 from .families import get_family
 from .family import Family, FamilyOptions, ParameterDocument, Quantity, Request, Solution, Variant
-from .findings import Findings, make_parameter_document
 from .logs import (
     Log,
     choose_variant,
@@ -147,7 +147,7 @@ def fit(
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
         found = _without_outliers(
-            Findings(chosen, variant, sources, declared, experiments, request, solution)
+            FitContext(chosen, variant, sources, declared, experiments, request, solution)
         )
         validation: list[Simulation] = []
         if given.judged:
@@ -360,7 +360,7 @@ def _at_bound(price: Price) -> Notice:
     )
 
 
-def _without_outliers(found: Findings) -> Findings:
+def _without_outliers(found: FitContext) -> FitContext:
     """Fit again without the outliers that decide; the first fit where that settles nothing."""
     now, samples = found, sum(e.samples for e in found.experiments)
     for _ in range(_ROUNDS + 1):

@@ -256,6 +256,7 @@ class UnmodelledEffect:
     response
         Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
         the experiments and what simulates them near the fit. A channel without stays as it is.
+        Shape ``(n, q)`` where it is a combination of several directions, such as initial states.
     unit
         Of its size; where it is ``of`` a role, that of the role.
     positive

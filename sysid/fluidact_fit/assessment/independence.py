@@ -71,10 +71,6 @@ def wider_by_blocks(
 ) -> FloatArray:
     """How many times wider contributions of blocks scatter, 0 where no more than chance.
 
-    What an output says of a parameter may be told by few of its blocks, those that cross an edge:
-    the sum of squares of contributions with variances ``v`` has about ``(sum v)^2 / sum v^2``
-    degrees of freedom [3]_.
-
     Parameters
     ----------
     jacobians, residuals
@@ -156,11 +152,6 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 def fewest_independent(jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
     """The same number for the strongest autocorrelation that the residuals do not rule out.
-
-    ``N`` rows of residuals and derivatives are whitened by ``z_t - a z_{t-1}`` within every run,
-    whose first row is multiplied by ``sqrt(1 - a^2)``. With ``X`` the ``p`` derivatives then, and
-    ``S`` what is left of the sum of squares beside them, twice the negative restricted
-    log-likelihood is ``(N - p) log S + log det X'X - runs log(1 - a^2)``.
 
     Parameters
     ----------

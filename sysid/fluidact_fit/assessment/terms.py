@@ -187,18 +187,33 @@ def _effects(at: Optimum) -> Iterator[Term]:
         found = effect.response(at.experiments, at.solution.simulate_near)
         if not any(found):
             continue  # not known of these runs
-        channels = [found[s.run].get(s.role, np.zeros(s.used.size)) for s in at.series]
+        width = max((c.shape[1] for run in found for c in run.values() if c.ndim == 2), default=0)
+        blank = (width,) if width else ()
+        channels = [found[s.run].get(s.role, np.zeros((s.used.size, *blank))) for s in at.series]
+        columns = at.columns(channels)
         unit = at.signal(effect.of).unit if effect.of else effect.unit
         words = partial(_effect_words, effect.name, effect.words, effect.positive, unit)
-        term = Term(effect.name, unit, words, effect.remedy, (), positive=effect.positive)
-        if all(c.ndim == 1 for c in channels):
-            yield replace(term, columns=at.columns(channels))
-            continue
-        several = [all_of(c, s.used) / s.scale for c, s in zip(channels, at.series, strict=True)]
-        together = _together(at, several, 1.0)
-        if together is not None:
-            sizes, count = together
-            yield replace(term, columns=[c @ sizes for c in several], chosen=count)
+        chosen = 1
+        if width:
+            combined = _combine(at, columns)
+            if combined is None:
+                continue
+            columns, chosen = combined
+        yield Term(effect.name, unit, words, effect.remedy, columns, positive=effect.positive,
+                   chosen=chosen)  # fmt: skip
+
+
+def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArray], int] | None:
+    """The combination of several directions that the residual chooses, of a largest part of one."""
+    squares = sum(np.sum(c**2, axis=0) for c in columns)
+    size = np.sqrt(squares / at.samples)
+    size = np.where(size > 0.0, size, 1.0)
+    found = _together(at, [c / size for c in columns], 10.0 * at.sigma)
+    if found is None:
+        return None
+    sizes = found[0] / size
+    sizes /= max(np.abs(sizes).max(), np.finfo(float).tiny)
+    return [c @ sizes for c in columns], found[1]
 
 
 def _effect_words(name: str, words: str, positive: bool, unit: str, size: float) -> str:

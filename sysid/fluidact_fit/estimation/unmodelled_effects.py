@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,6 +30,54 @@ def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Unmo
         positive=True,
         of=role,
     )
+
+
+def output_offset(role: str) -> UnmodelledEffect:
+    """An offset of the output, for a fit without one (``--offset none``); one for every log."""
+    return UnmodelledEffect(
+        "output offset",
+        f"'{role}' has an offset of its own in every log",
+        "Zero the sensor before a log, or fit offsets with --offset free.",
+        partial(_levels, role),
+        of=role,
+    )
+
+
+def _levels(
+    role: str, experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """A column of ones for the samples of every log, shape ``(n, logs)``."""
+    logs = list(dict.fromkeys(e.log for e in experiments))
+    return [{role: np.tile(np.eye(len(logs))[logs.index(e.log)], (e.samples, 1))}
+            for e in experiments]  # fmt: skip
+
+
+def initial_states(role: str, responses: Callable[[Experiment], FloatArray]) -> UnmodelledEffect:
+    """States with which a run begins, for a fit from rest (``--start-state rest``).
+
+    ``responses`` are the free responses of the output to unit states, shape ``(n, states)``.
+    """
+    return UnmodelledEffect(
+        "initial state",
+        f"'{role}' was not at rest where a log begins",
+        "Begin logs at rest, or fit the initial state with --start-state free.",
+        partial(_free_responses, role, responses),
+        of=role,
+    )
+
+
+def _free_responses(
+    role: str, responses: Callable[[Experiment], FloatArray], experiments: Sequence[Experiment],
+    simulate: Simulate,
+) -> list[dict[str, FloatArray]]:  # fmt: skip
+    """Free responses of every run beside zeros for those of the others, ``(n, runs * states)``."""
+    out = []
+    for k, e in enumerate(experiments):
+        own = np.asarray(responses(e))
+        table = np.zeros((own.shape[0], len(experiments), own.shape[1]))
+        table[:, k] = own
+        out.append({role: table.reshape(own.shape[0], -1)})
+    return out
 
 
 def _softened(

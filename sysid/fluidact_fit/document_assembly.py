@@ -38,7 +38,7 @@ from .version import __version__
 
 
 @dataclass(frozen=True)
-class Findings:
+class FitContext:
     """A solution with everything that it came from.
 
     ``sources`` are the entries of the logs for the file, ``declared`` the roles whose hold the
@@ -90,7 +90,7 @@ class Findings:
 
 
 def make_parameter_document(
-    found: Findings,
+    found: FitContext,
     validation: Sequence[Simulation],
     notices: Sequence[Notice],
     sample_time: float | None,
