@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fluidact_fit.estimation.converter_errors import _most_noise
 from fluidact_fit.estimation.uncertainty import (
-    _most_noise,
     covariance,
     enlarge,
     largest,

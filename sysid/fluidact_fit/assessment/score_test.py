@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.converter_errors import is_coarse
 from ..estimation.least_squares import scaled_least_squares
-from ..estimation.uncertainty import covariance, is_coarse
+from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from ..rows import is_kept
 from ..units import as_share
