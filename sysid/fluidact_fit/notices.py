@@ -396,6 +396,10 @@ _FAMILIES = {
         "The fitted curve or map reverses direction within the range of the data.",
         "Choose another `--degree` or number of `--hidden` units, or record more data there.",
     ),
+    "offset-matters": _warning(
+        "A parameter depends on whether the output has an offset, by more than its interval.",
+        "Check the zero of the sensors; choose with `--offset none` or `--offset free`.",
+    ),
     "one-direction": _warning(
         "The input of a static map moves one way only: play, hysteresis and delays stay unseen.",
         "Record strokes to and fro, in the order in which they were made.",

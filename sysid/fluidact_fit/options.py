@@ -153,7 +153,7 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def choice(default: str, values: tuple[str, ...], help: str, frees: str = "") -> Any:
+def choice(default: str | None, values: tuple[str, ...], help: str, frees: str = "") -> Any:
     """One word out of several; ``frees`` names the parameter that the last of them frees."""
     return _field("choice", help, default, choices=values, frees=frees)
 

@@ -128,7 +128,7 @@ def test_a_late_start_does_not_move_the_offset() -> None:
     speed[100:140] = 0.5
     log = run(time, command, speed=Signal("speed", time, speed, "rad/s"))
     family = HydraulicMotor()
-    plant = Plant(family.variants[0], LINE, MotorOptions(residual_limit=1e-3))
+    plant = Plant(family.variants[0], LINE, MotorOptions(start_state="free", residual_limit=1e-3))
     (found,) = family.simulate(plant, [log])
     assert found.offset == pytest.approx(0.5, abs=1e-3)
 

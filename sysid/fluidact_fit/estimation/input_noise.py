@@ -36,7 +36,7 @@ import numpy as np
 from ..experiment import Array, Experiment, FloatArray, Signal
 from .least_squares import project_out
 from .noise import noise_floor, white_level
-from .problem import Problem, Solution
+from .problem import Problem, StationaryPoint
 from .separable import evaluate, score
 from .whitening import Whitening, autoregression_from_rest, causal_filter
 
@@ -97,8 +97,12 @@ class InputNoise:
     linear: bool = False
 
     @classmethod
-    def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
-        """The noise that the log itself shows."""
+    def seen(
+        cls, experiments: Sequence[Experiment], role: str, seed: int, given: float | None = None
+    ) -> InputNoise:
+        """The noise that the log itself shows, unless it is given."""
+        if given is not None:
+            return cls(experiments, role, given, 0.0, seed)
         if all(_in_levels(e.signals[role]) for e in experiments):
             return cls(experiments, role, 0.0, 0.0, seed)
         found = [white_level(e[role], _converter(e.signals[role])) for e in experiments]
@@ -126,7 +130,7 @@ class InputNoise:
         return out
 
     def whitening(
-        self, build: Build, eta: FloatArray, at: Solution | None = None
+        self, build: Build, eta: FloatArray, at: StationaryPoint | None = None
     ) -> list[Whitening]:
         """What whitens the residual of every experiment; ``at`` is what there is at ``eta``."""
         at = at or evaluate(build(self.experiments, ()), eta)
@@ -248,7 +252,9 @@ def _converter(signal: Signal) -> float:
     return 0.0 if _coarse(signal) or signal.hold == "zoh" else signal.resolution
 
 
-def _likelihood(local: Sequence[Array], at: Solution, whitening: Sequence[Whitening]) -> float:
+def _likelihood(
+    local: Sequence[Array], at: StationaryPoint, whitening: Sequence[Whitening]
+) -> float:
     """Log-likelihood of the residual, its scale and all unknowns at their best."""
     rows, logarithm = [], 0.0
     for f, r, j, own_columns in zip(whitening, at.residuals, at.jacobian, local):

@@ -13,7 +13,7 @@ from ..experiment import Array, FloatArray
 from ..options import FamilyOptions
 from ..specification import ParameterSpec, Request
 from ..units import after_number
-from .problem import Basis, Problem, Slopes, Solution, Unknown
+from .problem import Basis, Problem, Slopes, StationaryPoint, Unknown
 from .uncertainty import Uncertainty, covariance, score_covariance
 from .whitening import Whitening
 
@@ -85,7 +85,7 @@ class NamedModel:
             resolutions=[r * factors.get(k, 1.0) for r, k in zip(self.resolutions, self.logs)],
         )
 
-    def uncertainty(self, solution: Solution) -> Uncertainty:
+    def uncertainty(self, solution: StationaryPoint) -> Uncertainty:
         """Covariance of ``(eta, linear)`` at a solution."""
         if self.channels and len(self.channels[0]) > 1:
             return score_covariance(solution.jacobian, solution.residuals, self.channels)

@@ -23,7 +23,7 @@ from .agreement_of_logs import Drift, compare_logs
 from .blocks import condensed
 from .least_squares import explain
 from .named_model import NamedModel, bind
-from .problem import Solution, Unknown
+from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import Search, settled, solve, solve_from
@@ -55,7 +55,7 @@ class Fitted(Solved):
 
     order: int = 0
     search: Search = field(kw_only=True)
-    solution: Solution = field(kw_only=True)
+    solution: StationaryPoint = field(kw_only=True)
     specs: Mapping[str, ParameterSpec] = field(kw_only=True)
     unknowns: Mapping[str, Unknown] = field(kw_only=True)
     notices: list[Notice] = field(default_factory=list)
@@ -239,7 +239,7 @@ class _Attempt:
     fair: NamedModel
     held: Mapping[str, float]
     search: Search
-    best: Solution
+    best: StationaryPoint
     factors: Mapping[int, float]
     order: int
     solved: Solved
@@ -331,7 +331,7 @@ def _idle_rise(
     return float(rise)
 
 
-def information_units(solution: Solution, found: FloatArray) -> FloatArray:
+def information_units(solution: StationaryPoint, found: FloatArray) -> FloatArray:
     """What one standard deviation of each unknown adds to the cost, shape ``(p,)``.
 
     The variance of the residual where that is white. An autocorrelated one carries less
@@ -348,7 +348,7 @@ def information_units(solution: Solution, found: FloatArray) -> FloatArray:
     return np.asarray(plain.sigma**2 * np.maximum(excess, 1.0))
 
 
-def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
+def _balance(model: NamedModel, solution: StationaryPoint) -> dict[int, float]:
     """Factors that make the residuals of all logs equally large, or none.
 
     With equal weights a log of twice the noise spoils the information of a better one. Logs

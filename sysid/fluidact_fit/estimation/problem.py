@@ -129,7 +129,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Solution:
+class StationaryPoint:
     """A stationary point of a `Problem`.
 
     Attributes

@@ -31,7 +31,7 @@ from .blocks import products
 from .elimination import Eliminated, Tangent
 from .minimise import minimise
 from .price import exhausted
-from .problem import Problem, Solution, bounds_of
+from .problem import Problem, StationaryPoint, bounds_of
 
 
 def solve(
@@ -41,7 +41,7 @@ def solve(
     max_iterations: int = 60,
     tolerance: float = 1e-5,
     damping: float = 1e-3,
-) -> Solution:
+) -> StationaryPoint:
     """Minimise the sum of squared residuals from one start.
 
     Parameters
@@ -92,7 +92,7 @@ def _value(problem: Problem, eta: FloatArray) -> Eliminated | None:
         return None
 
 
-def evaluate(problem: Problem, eta: FloatArray) -> Solution:
+def evaluate(problem: Problem, eta: FloatArray) -> StationaryPoint:
     """The linear half solved and the Jacobian taken at given ``eta``; nothing is moved."""
     return solve(problem, eta, max_iterations=0)
 
@@ -114,9 +114,9 @@ def score(problem: Problem, eta: FloatArray) -> tuple[FloatArray, FloatArray, fl
 
 def _finish(
     fit: Eliminated, tangent: Tangent, on_bound: BoolArray, count: int, converged: bool
-) -> Solution:
+) -> StationaryPoint:
     found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
-    return Solution(
+    return StationaryPoint(
         fit.eta, fit.linear, fit.local, fit.cost,
         residuals=[residuals for residuals, _ in found],
         simulate=fit.simulate,
@@ -127,7 +127,7 @@ def _finish(
     )  # fmt: skip
 
 
-def settled(problem: Problem, found: Solution, least: float) -> Solution:
+def settled(problem: Problem, found: StationaryPoint, least: float) -> StationaryPoint:
     """Where the derivatives of a solution lead once more, if that is farther than ``least``.
 
     ``least`` is in standard errors. So short a step is exact enough as it is computed, from the
@@ -187,10 +187,10 @@ def _cost(problem: Problem, eta: FloatArray) -> float:
 class Search:
     """Outcome of a search from several starts: the best, how many agree, the rivals."""
 
-    best: Solution
+    best: StationaryPoint
     tried: int
     agreeing: int
-    rivals: tuple[Solution, ...]
+    rivals: tuple[StationaryPoint, ...]
 
 
 def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) -> Search:
@@ -200,7 +200,7 @@ def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) ->
     one part in a thousand away in some unknown. A start from which the computation breaks
     down is dropped; ``LinAlgError`` when there is no other.
     """
-    found: list[Solution] = []
+    found: list[StationaryPoint] = []
     failure: np.linalg.LinAlgError | None = None
     for start in starts:
         if found and exhausted():
@@ -215,7 +215,7 @@ def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) ->
     best = found[0]
     scales = np.maximum(np.abs(best.eta), [1e-6 * u.scale for u in problem.nonlinear])
 
-    def same(other: Solution) -> bool:
+    def same(other: StationaryPoint) -> bool:
         close = best.eta.size == 0 or np.all(np.abs(other.eta - best.eta) <= 1e-3 * scales)
         return bool(close) or other.cost <= best.cost * (1.0 + 1e-7)
 

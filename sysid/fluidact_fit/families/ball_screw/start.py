@@ -12,7 +12,7 @@ from ...estimation.inputs import settled_hold
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.problem import Problem, Solution, Unknown
+from ...estimation.problem import Problem, StationaryPoint, Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
@@ -116,7 +116,7 @@ class Stage:
         model = DriveModel(self.experiments, self.axis, compared)
         return bind(model.named(self.names, weights), self.unknowns, self.held)
 
-    def solve(self, problem: Problem, max_iterations: int, tolerance: float) -> Solution:
+    def solve(self, problem: Problem, max_iterations: int, tolerance: float) -> StationaryPoint:
         """Solve a problem from where the search now is."""
         eta = np.array([self.start[u.name] for u in problem.nonlinear])
         return solve(problem, eta, max_iterations=max_iterations, tolerance=tolerance)
@@ -302,7 +302,7 @@ def speed_unknowns(speeds: Mapping[str, float]) -> dict[str, Unknown]:
 
 def follow(
     experiment: Experiment, axis: Axis, values: Mapping[str, float]
-) -> tuple[DriveModel, Solution, dict[str, float]]:
+) -> tuple[DriveModel, StationaryPoint, dict[str, float]]:
     """Follow the motion of a run with given values: model, solution, values with its speed.
 
     It may have been moving when the record began; that speed belongs to the run and is fitted.

@@ -33,8 +33,10 @@ from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
 from ...estimation.recursion import behind_play
+from ...estimation.response import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 
+ANY = Beginning()
 _PARTS = 8  # of a sample time, for a command that moves
 _MOST = 400_000  # instants of a moving command
 
@@ -66,7 +68,8 @@ def static_speed(spool: Array, values: Values) -> Array:
 class _Run:
     """Command and grids of one run, computed once; ``commands`` begin with the level before.
 
-    ``stepped`` tells that the command is a step from rest that was not recorded.
+    ``stepped`` tells that the command is a step from rest that was not recorded; ``unseen`` samples
+    at the start answer to commands before it.
     """
 
     commands: FloatArray
@@ -74,15 +77,17 @@ class _Run:
     stepped: bool
     nodes: Grid
     samples: Grid
+    unseen: int
 
 
-def _prepare(e: Experiment) -> _Run:
+def _prepare(e: Experiment, unrecorded: float) -> _Run:
     signal = e.signals["command"]
     moves, samples = settled_hold(signal) != "zoh", make_grid(e.time)
     time, values = _refine(signal) if moves else (signal.time, signal.values)
     return _Run(
         np.append(signal.before, values), moves, signal.values.size == 1,
         samples if np.array_equal(time, e.time) else make_grid(time), samples,
+        int(np.searchsorted(e.time, e.time[0] + unrecorded)),
     )  # fmt: skip
 
 
@@ -103,11 +108,16 @@ def _refine(signal: Signal) -> tuple[FloatArray, FloatArray]:
 class MotorModel:
     """Speeds of some runs as a function of the parameters, each with what belongs to it.
 
-    The offset and the deviation that fades at the beginning are every run's own.
+    The offset and the deviation that fades at the beginning are every run's own, where ``begin``
+    says that there are any.
     """
 
-    def __init__(self, experiments: Sequence[Experiment]) -> None:
-        self.runs = [_prepare(e) for e in experiments]
+    def __init__(self, experiments: Sequence[Experiment], begin: Beginning = ANY) -> None:
+        self.begin = begin
+        self.runs = [_prepare(e, begin.unrecorded) for e in experiments]
+        self.measured = [
+            e["speed"][r.unseen :] for e, r in zip(experiments, self.runs) if "speed" in e
+        ]
         self._played: dict[int, tuple[float, FloatArray, FloatArray]] = {}
 
     def steady(self, index: int, values: Values) -> Array:
@@ -132,16 +142,17 @@ class MotorModel:
             run.samples.instants, dead_time=values.get("dead_time", 0.0), grid=run.nodes,
         )  # fmt: skip
 
-    def named(self, names: tuple[str, ...], measured: Sequence[FloatArray]) -> NamedModel:
+    def named(self, names: tuple[str, ...]) -> NamedModel:
         """The model in the form the estimation takes; the gain enters linearly."""
-        nonlinear = tuple(n for n in names if n != "gain")
-        return NamedModel(nonlinear, ("gain",), self._columns, measured)
+        return NamedModel(names, ("gain",), self.columns, self.measured)
 
-    def _columns(self, index: int, values: Values) -> Basis:
+    def columns(self, index: int, values: Values) -> Basis:
         """Speed per gain, and the columns of what is the run's own: offset, fading deviation."""
         run, speed = self.runs[index], self.speed(index, {**values, "gain": 1.0})
-        own = [np.ones(speed.size)]
-        if not run.stepped:
-            time = run.samples.instants
+        time = run.samples.instants
+        own = [np.ones(time.size)] if self.begin.offset != "none" else []
+        if not (run.stepped or self.begin.rest):
             own.append(np.exp(-(time - time[0]) / values["time_constant"]))
-        return Basis(np.zeros(speed.size), speed[:, None], np.column_stack(own))
+        local = np.stack(own, axis=1) if own else np.zeros((time.size, 0))
+        used = slice(run.unseen, None)
+        return Basis(np.zeros(time.size - run.unseen), speed[used, None], local[used])

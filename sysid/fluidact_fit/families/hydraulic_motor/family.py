@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from ...errors import Notice, UsageError
 from ...estimation.discrete import discretise
-from ...estimation.named_model import Values, check_request
+from ...estimation.named_model import NamedModel, Values, check_request
 from ...estimation.parametric import Fitted
+from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, fit_robustly
 from ...estimation.unmodelled_effects import soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
     Family,
-    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -26,17 +26,16 @@ from ...family import (
     Solution,
     UnmodelledEffect,
     Variant,
-    make_solution,
 )
 from .block import MotorBlock
 from .command import command_noise, held_levels
-from .equation import static_speed
-from .fit import MotorFit, MotorOptions, fit_motor, simulate_run
+from .equation import MotorModel, static_speed
+from .fit import SATURATION, MotorOptions, fit_motor, plan_motor, start_motor
 
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
 
 
-class HydraulicMotor(Family[MotorOptions]):
+class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
     """Static curve with dead zone, saturation and hysteresis, followed by a lag."""
 
     name = "hydraulic-motor"
@@ -94,6 +93,7 @@ class HydraulicMotor(Family[MotorOptions]):
         ),
     )  # fmt: skip
     options_type = MotorOptions
+    gain, robust, common_offset = "gain", True, False
     steady_offset = True
 
     def estimate(
@@ -102,41 +102,48 @@ class HydraulicMotor(Family[MotorOptions]):
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         _check_dead_time(experiments, request)
-        if request.options.dead_time == "none":
-            request = replace(request, fixed={"dead_time": 0.0, **request.fixed})
         notices: list[Notice] = []
         noise = request.options.command_noise or command_noise(experiments)
         levels = held_levels(experiments, noise) if noise else None
-        found = fit_motor(variant.parameters, levels or experiments, request)
-        fitted, limit = found.fitted, found.limit
+        logs = levels or experiments
+        found, bend = fit_motor(
+            ResponseFit.of(self, variant, logs, request),
+            ResponseFit.of(
+                self, variant, logs, request, plan_motor(logs, request.options, saturated=False)
+            ),
+        )
+        fitted = found.fitted
         if noise and levels is None:
             notices += _warn_of_noise(fitted, noise)
-        if "saturation_command" not in fitted.values:
-            notices.append(_remark_on_saturation(found))
-        parameters, order, matrix = fitted.quantities(variant.parameters, experiments[0].units)
-        counts = [
-            int(np.sum(np.abs(e["speed"] - m) > limit))
-            for e, m in zip(experiments, fitted.solution.simulate())
-        ]
-        settled = replace(
-            request.options, residual_limit=limit, command_noise=noise if levels else None
-        )
+        if SATURATION not in fitted.values:
+            notices.append(_remark_on_saturation(fitted, bend))
+        settled = replace(found.settled(request.options), command_noise=noise if levels else None)
         unit = experiments[0].units["speed"]
-        return make_solution(
-            self.simulate,
-            experiments,
-            variant,
-            settled,
-            parameters,
-            order,
-            NoiseModel(matrix, fitted.degrees, fitted.independent),
-            jacobians=[
-                {"speed": j / w[:, None]} for j, w in zip(fitted.sensitivity(), found.weights)
-            ],
-            derived=fitted.derive({"saturation_speed": unit}, _saturation_speed),
-            notices=[*notices, *fitted.notices],
-            details={**fitted.details(), "samples_of_less_weight": counts},
-        )
+        return found.solution(
+            self.simulate, experiments, variant, settled,
+            fitted.derive({"saturation_speed": unit}, _saturation_speed), notices,
+        )  # fmt: skip
+
+    def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
+        """Everything; see :func:`.fit.fit_motor` for what comes of the saturation."""
+        return plan_motor(experiments, request.options, saturated=True)
+
+    def response(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
+        names: tuple[str, ...],
+    ) -> NamedModel:  # fmt: skip
+        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
+        return MotorModel(experiments, begin).named(names)
+
+    def fastest(self, values: Values) -> float:
+        """The only pole [rad/s]."""
+        return 1.0 / float(values["time_constant"])
+
+    def starts(
+        self, fit: ResponseFit[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
+    ) -> list[dict[str, float]]:
+        """Where to begin; see :func:`.fit.start_motor`."""
+        return start_motor(fit, experiments, begin)
 
     def simulate(
         self,
@@ -145,10 +152,23 @@ class HydraulicMotor(Family[MotorOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
-        limit, noise = plant.options.residual_limit, plant.options.command_noise
-        limit = np.inf if limit is None else limit
+        options, noise = plant.options, plant.options.command_noise
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
-        return [simulate_run(e, plant.numbers, limit, offset) for e in experiments]
+        out = []
+        for e in experiments:
+            model = MotorModel([e], options.beginning)
+            if "speed" not in e:
+                start = offset or 0.0
+                out.append(Simulated(model.speed(0, plant.numbers) + start, offset=start))
+                continue
+            basis = model.columns(0, plant.numbers)
+            known = plant.numbers["gain"] * np.asarray(basis.shared[:, 0])
+            local = fit_robustly(basis.local, model.measured[0] - known, options.residual_limit)
+            output = np.full(e.samples, np.nan)
+            output[model.runs[0].unseen :] = known + basis.local @ local
+            level = 0.0 if options.offset == "none" else float(local[0])
+            out.append(Simulated(output, offset=level))
+        return out
 
     def unmodelled_effects(self, plant: Plant[MotorOptions]) -> Sequence[UnmodelledEffect]:
         """Soft edges of the dead zone; see :meth:`Family.unmodelled_effects`."""
@@ -186,22 +206,22 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
         )
 
 
-def _remark_on_saturation(found: MotorFit) -> Notice:
+def _remark_on_saturation(fitted: Fitted, bend: Mapping[str, float]) -> Notice:
     """Say that there is no saturation in the file, and whether there could be one."""
-    if found.bend is None:
+    if not bend:
         return Notice(
             "saturation-not-reached",
             "the speed keeps growing to the end of the commands: the file has no "
             "saturation_command. Raise the command until the speed grows no more, if it is needed.",
         )
     moved = ", ".join(
-        f"{n} {found.bend[n]:.3g} instead of {found.fitted.values[n]:.3g}"
+        f"{n} {bend[n]:.3g} instead of {fitted.values[n]:.3g}"
         for n in ("gain", "curvature", "dead_zone")
     )
     return Notice(
         "saturation-undecided",
         "the logs neither show nor rule out that the speed stops growing at a command of "
-        f"{found.bend['saturation_command']:.3g}; with that saturation the others would be "
+        f"{bend[SATURATION]:.3g}; with that saturation the others would be "
         f"{moved}. Raise the command further, rest longer at the highest commands, or give "
         "saturation_command with --fix.",
     )
@@ -222,6 +242,6 @@ def _warn_of_noise(fitted: Fitted, noise: float) -> Iterator[Notice]:
 
 def _saturation_speed(v: Values) -> Values:
     """Speed at and beyond the saturation, where it was reached."""
-    if "saturation_command" not in v:
+    if SATURATION not in v:
         return {}
     return {"saturation_speed": static_speed(np.array([np.inf]), v)[0]}

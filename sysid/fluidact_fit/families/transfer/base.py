@@ -7,9 +7,8 @@ where a search for them begins.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -17,18 +16,15 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
-from ...estimation.named_model import Values, bind, check_request, make_unknowns
+from ...estimation.named_model import NamedModel, Values
 from ...estimation.parametric import Fitted
-from ...estimation.problem import Unknown
-from ...estimation.results import Refusal
+from ...estimation.response import Beginning, ResponseFit, ResponseModel, ResponseOptions
 from ...estimation.unmodelled_effects import soft_edges
-from ...experiment import Experiment, FloatArray, Hold
+from ...experiment import Experiment, Hold
 from ...family import (
     Excitation,
     Family,
-    FamilyOptions,
     Information,
-    NoiseModel,
     ParameterDocument,
     Plant,
     Quantity,
@@ -37,107 +33,24 @@ from ...family import (
     Solution,
     UnmodelledEffect,
     Variant,
-    make_solution,
 )
-from ...options import settled
 from .block import TransferBlock
-from .fit import TransferFit, dead_time_axis, grid_search, unrecorded_time
-from .model import Free, TransferModel, any_start, are_short, simulate_transfer, time_scales
-
-
-@dataclass(frozen=True)
-class TransferOptions(FamilyOptions):
-    """What the fit of every transfer function settles."""
-
-    initial_state: str | None = settled(
-        "choice", "whether the runs begin at rest or in any state", choices=("free", "rest")
-    )
-    offset_of: str | None = settled(
-        "choice",
-        "whether each run has its own output offset, or, where runs are short, each log",
-        choices=("run", "log"),
-    )
-    unrecorded: float | None = settled(
-        "float",
-        "time at the start of every run during which the output answers to an input before it",
-        unit="s", minimum=0.0,
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Searched:
-    """How a nonlinear parameter is searched for [SI].
-
-    Attributes
-    ----------
-    scale, limits
-        Typical size and search range.
-    axis
-        Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
-    sensible
-        Half-width beyond which an interval is useless; the value found when ``None``.
-    idle
-        Value at which it has no effect on the logs at hand.
-    """
-
-    name: str
-    scale: float = 1.0
-    limits: tuple[float, float] = (-np.inf, np.inf)
-    axis: FloatArray = field(default_factory=lambda: np.zeros(1))
-    sensible: float | None = None
-    idle: float | None = None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How the search for the parameters of one set of logs goes.
-
-    Attributes
-    ----------
-    searched
-        Nonlinear parameters of the model.
-    lag
-        Slowest response time [s] at a point of the axes: dead times are tried in proportion.
-    fixed
-        Values held although the user did not fix them.
-    refusals
-        Parameters known beforehand to be undetermined.
-    """
-
-    searched: Sequence[Searched]
-    lag: Callable[[Mapping[str, float]], float]
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    refusals: Sequence[Refusal] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the nonlinear parameters."""
-        return tuple(s.name for s in self.searched)
-
-    @property
-    def axes(self) -> dict[str, FloatArray]:
-        """Values to try first."""
-        return {s.name: s.axis for s in self.searched}
-
+from .model import ANY, Free, TransferModel, any_start, simulate_transfer
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
-T = TypeVar("T", bound=TransferOptions)
+T = TypeVar("T", bound=ResponseOptions)
 
 
-class TransferFamily(Family[T], Generic[T]):
+class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     """Base of the transfer-function families.
 
     Attributes
     ----------
-    gain
-        Name of the parameter that multiplies the response, ``None`` where it is part of
-        the state space.
     dead_zone
         Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive`` first.
     """
 
-    gain: ClassVar[str | None] = None
     dead_zone: ClassVar[bool] = False
     allows_for_input_noise = True
 
@@ -151,139 +64,51 @@ class TransferFamily(Family[T], Generic[T]):
         """Numerator and denominator, falling powers of ``s``."""
 
     @abstractmethod
-    def plan(self, experiments: Sequence[Experiment], request: Request[T]) -> Plan:
-        """How the fit of these logs begins."""
-
-    @abstractmethod
     def derive(self, fitted: Fitted, options: T) -> tuple[dict[str, Quantity], list[Notice]]:
         """Numbers computed from the parameters, and what is to be said of them."""
-
-    def starts(
-        self,
-        variant: Variant,
-        plan: Plan,
-        experiments: Sequence[Experiment],
-        rest: bool,
-        unknowns: Mapping[str, Unknown],
-        request: Request[T],
-    ) -> list[dict[str, float]]:
-        """Where to begin: the valleys of the cost over a grid, best first."""
-        step, span = time_scales(experiments)
-        model = self.transfer_model(variant, experiments, rest).named(plan.names)
-        return grid_search(
-            bind(model, unknowns, request.fixed),
-            plan.axes,
-            lambda at: dead_time_axis(step, 0.5 * span, plan.lag({**request.fixed, **at})),
-        )
-
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
-        """Far from some values, others that samples every ``step`` [s] may not tell from them."""
-        return []
 
     def beginnings(self, values: Values) -> Free:
         """What a run with an offset of its own may have begun with; any state."""
         return any_start(*self.realise(values))
 
+    def fastest(self, values: Values) -> float:
+        """Largest pole [rad/s]."""
+        return float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max())
+
     def transfer_model(
-        self,
-        variant: Variant,
-        experiments: Sequence[Experiment],
-        rest: bool = False,
-        common_offset: bool = False,
-        unrecorded: float = 0.0,
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
     ) -> TransferModel:
-        """The model of some experiments, as the estimation takes it."""
+        """The model of some experiments."""
         return TransferModel(
-            experiments,
-            variant.driving[0].name,
-            variant.output.name,
-            self.realise,
-            self.beginnings,
-            gain=self.gain,
-            dead_zone=self.dead_zone,
-            rest=rest,
-            common_offset=common_offset,
-            unrecorded=unrecorded,
-        )
+            experiments, variant.driving[0].name, variant.output.name, self.realise,
+            self.beginnings, begin, gain=self.gain, dead_zone=self.dead_zone,
+        )  # fmt: skip
+
+    def response(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
+        names: tuple[str, ...],
+    ) -> NamedModel:  # fmt: skip
+        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
+        return self.transfer_model(variant, experiments, begin).named(names)
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
     ) -> Solution[T]:
         """Output-error fit from several starts; see :meth:`Family.estimate`."""
-        check_request(variant.parameters, request)
-        plan = self.plan(experiments, request)
-        request = replace(request, fixed={**plan.fixed, **request.fixed})
-        every = (*plan.names, self.gain) if self.gain else plan.names
-        scales = {s.name: s.scale for s in plan.searched}
-        limits = {s.name: s.limits for s in plan.searched}
-        unknowns = make_unknowns(variant.parameters, every, scales, request, limits)
-        state, owner = request.options.initial_state, request.options.offset_of
-        common = are_short(experiments) if owner is None else owner == "log"
-
-        def run(unrecorded: float, still: bool | None) -> tuple[Fitted, bool]:
-            def make(some: Sequence[Experiment], rest: bool) -> TransferModel:
-                return self.transfer_model(variant, some, rest, common, unrecorded)
-
-            return TransferFit(
-                lambda some, rest: make(some, rest).named(plan.names),
-                lambda some, rest: self.starts(variant, plan, some, rest, unknowns, request),
-                experiments,
-                variant.output.name,
-                variant.parameters,
-                request,
-                unknowns,
-                {s.name: s.sensible for s in plan.searched if s.sensible is not None},
-                {s.name: s.idle for s in plan.searched if s.idle is not None},
-                plan.refusals,
-                partial(self.elsewhere, step=time_scales(experiments)[0]),
-                lambda values: float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max()),
-            ).run(still)
-
-        unrecorded = request.options.unrecorded
-        fitted, rest = run(unrecorded or 0.0, None if state is None else state == "rest")
-        if unrecorded is None:
-            unrecorded = unrecorded_time(experiments, variant.output.name, fitted.values, rest)
-            if unrecorded is not None:
-                fitted, rest = run(unrecorded, rest)
-        parameters, order, covariance = fitted.quantities(variant.parameters, experiments[0].units)
-        table, drift = fitted.compare_logs(experiments)
-        derived, said = self.derive(fitted, request.options)
-        settled = replace(
-            request.options,
-            initial_state="rest" if rest else "free",
-            offset_of="log" if common else "run",
-            unrecorded=unrecorded,
-        )
-        return make_solution(
-            self.simulate,
-            experiments,
-            variant,
-            settled,
-            parameters,
-            order,
-            NoiseModel(covariance, fitted.degrees, fitted.independent, fitted.input_noise),
-            jacobians=[{variant.output.name: j} for j in fitted.sensitivity()],
-            derived=derived,
-            notices=[*fitted.notices, *drift, *said],
-            details={**fitted.details(), **table},
+        found = ResponseFit.of(self, variant, experiments, request).run()
+        derived, said = self.derive(found.fitted, request.options)
+        return found.solution(
+            self.simulate, experiments, variant, found.settled(request.options), derived, said
         )
 
     def simulate(
         self, plant: Plant[T], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        output, options = plant.variant.output.name, plant.options
-        unrecorded, rest = options.unrecorded, options.initial_state == "rest"
-        compared = all(output in e for e in experiments)
-        if unrecorded is None and compared:  # other logs may have been cut in motion
-            unrecorded = unrecorded_time(experiments, output, plant.numbers, rest)
-        model = self.transfer_model(
-            plant.variant,
-            experiments,
-            rest,
-            options.offset_of == "log",
-            (unrecorded or 0.0) if compared else 0.0,
-        )
+        begin = plant.options.beginning
+        if not all(plant.variant.output.name in e for e in experiments):
+            begin = replace(begin, unrecorded=0.0)
+        model = self.transfer_model(plant.variant, experiments, begin)
         return simulate_transfer(model, plant.numbers, offset)
 
     def information(self, plant: Plant[T], experiment: Experiment) -> Information:

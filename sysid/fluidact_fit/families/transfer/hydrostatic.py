@@ -27,20 +27,21 @@ from ...errors import LogError, Notice
 from ...estimation.named_model import Values, bind
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
+from ...estimation.response import Beginning, Plan, ResponseFit, ResponseOptions, Searched
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
+from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment, FloatArray
 from ...family import ParameterSpec, Plant, Quantity, Request, Role, UnmodelledEffect, Variant
 from ...options import choice
 from ...rows import made, upper_quantile
-from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
-from .fit import dead_time_axis, grid_search
+from .base import ASKED, TransferFamily
 from .losses import other_losses
-from .model import Free, TransferModel, time_scales
+from .model import Free, TransferModel
 
 
 @dataclass(frozen=True)
-class HydrostaticOptions(TransferOptions):
+class HydrostaticOptions(ResponseOptions):
     """What is estimated beside mass, damping and dead zone."""
 
     stiffness: str = choice("none", ASKED, "whether to estimate a spring", "stiffness")
@@ -165,12 +166,9 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
 
     def starts(
         self,
-        variant: Variant,
-        plan: Plan,
+        fit: ResponseFit[HydrostaticOptions],
         experiments: Sequence[Experiment],
-        rest: bool,
-        unknowns: Mapping[str, Unknown],
-        request: Request[HydrostaticOptions],
+        begin: Beginning,
     ) -> list[dict[str, float]]:
         """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
 
@@ -178,17 +176,18 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             return {**values, "damping": 1.0}
 
         step, _ = time_scales(experiments)
-        used = [n for n in plan.names if n != "damping"]
+        used = [n for n in fit.plan.names if n != "damping"]
         model = TransferModel(
             experiments, "force", "position", lambda v: self.realise(per_damping(v)),
-            lambda v: self.beginnings(per_damping(v)), gain="mobility", dead_zone=True, rest=rest,
+            lambda v: self.beginnings(per_damping(v)), begin, gain="mobility", dead_zone=True,
         )  # fmt: skip
         free = {n: Unknown(n) for n in used}
         free["mobility"] = Unknown("mobility", 1e-300)
         problem = bind(model.named(used), free, {})
+        axes = {s.name: s.axis for s in fit.plan.searched}
         out = []
         for found in grid_search(
-            problem, plan.axes, lambda at: dead_time_axis(step, 8.0 * step, plan.lag(at))
+            problem, axes, lambda at: dead_time_axis(step, 8.0 * step, fit.plan.lag(at))
         ):
             eta = np.array([found[n] for n in used])
             damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)

@@ -22,11 +22,12 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
+from ...estimation.response import Plan, ResponseOptions, Searched
+from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import number
-from .base import Plan, Searched, TransferFamily, TransferOptions
-from .model import time_scales
+from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
 _NEAR = 0.1  # sample times from a sample
@@ -34,7 +35,7 @@ _FAST = 0.6  # sample times of a time constant below which samples show little o
 
 
 @dataclass(frozen=True)
-class LineOptions(TransferOptions):
+class LineOptions(ResponseOptions):
     """What is known about the line."""
 
     length: float | None = number(

@@ -19,12 +19,15 @@ from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis, real_if_real
+from ...estimation.response import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
 from ...rows import blocks, is_repeated, repeated, side_by_side
 
 T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
+ANY = Beginning()
+_FEWEST = 4  # samples that are left of a run
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class _Prepared:
     """Input and grids of one experiment, computed once.
 
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
-    ``log`` is the position of its offset among those shared by several runs, or None;
+    ``log`` is the position of its offset among those shared by several runs, or None; ``own`` says
+    that it has one to itself;
     ``unseen`` samples at its start are not described, ``parts`` are the blocks of the others.
     """
 
@@ -61,6 +65,7 @@ class _Prepared:
     samples: Grid
     rest: bool
     log: int | None
+    own: bool
     unseen: int
     parts: tuple[slice, ...]
 
@@ -73,9 +78,8 @@ class _Prepared:
 class TransferModel:
     """``y(t) = gain * C x(t - dead_time) + offset``, ``x' = A x + B w(u)``.
 
-    The initial state is free for every run, unless its input is a step from rest or
-    ``rest`` says so. The offset is free for every run, or for every log where
-    ``common_offset`` says so.
+    The initial state is free for every run, unless its input is a step from rest or ``begin``
+    says so. There is an offset for every run, for every log, or none.
 
     Parameters
     ----------
@@ -93,10 +97,9 @@ class TransferModel:
     dead_zone
         Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive``.
         Without one, the response is to the departure of the input from its first value,
-        and the level goes into the offset.
-    unrecorded
-        How long the output of a run answers to the input before it [s]: what was measured
-        until then is left out, and the initial state is that of the first sample after it.
+        and the level goes into the offset where there is one.
+    begin
+        What the runs begin with; the initial state is that of the first sample described.
     """
 
     def __init__(
@@ -106,14 +109,12 @@ class TransferModel:
         output_role: str,
         realise: Realisation,
         beginnings: Callable[[Values], Free],
+        begin: Beginning = ANY,
         *,
         gain: str | None = None,
         dead_zone: bool = False,
-        rest: bool = False,
-        common_offset: bool = False,
-        unrecorded: float = 0.0,
     ) -> None:
-        self.rest, self.common_offset, self.unrecorded = rest, common_offset, unrecorded
+        self.begin = begin
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
         self.beginnings = beginnings
         self.resolutions = [
@@ -122,7 +123,7 @@ class TransferModel:
         self.levels = [input_level(e.signals[input_role]) for e in experiments]
         self.logs = [e.log for e in experiments]
         several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
-        self.several = several if common_offset else []
+        self.several = several if begin.offset == "log" else []
         self.prepared = [self._prepare(e, input_role) for e in experiments]
         self.measured = [
             e[output_role][p.unseen :]
@@ -134,18 +135,20 @@ class TransferModel:
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
         u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
-        rest = self.rest or signal.time.size == 1
-        unseen = 0
-        if self.unrecorded > 0.0 and not rest:
-            unseen = answers_to_the_past(experiment, self.unrecorded)
-        samples = make_grid(experiment.time[unseen:])
+        rest = self.begin.rest or signal.time.size == 1
+        time, unseen = experiment.time, 0
+        if not rest:  # a few are left of a run that ends before
+            end = time[0] + self.begin.unrecorded
+            unseen = max(min(int(np.searchsorted(time, end)), time.size - _FEWEST), 0)
+        samples = make_grid(time[unseen:])
         same = unseen == 0 and (
             signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
         )
         log = self.several.index(experiment.log) if experiment.log in self.several else None
+        own = log is None and self.begin.offset != "none"
         nodes = samples if same else make_grid(u.nodes)
         parts = tuple(blocks(samples.instants.size))
-        return _Prepared(u, nodes, samples, rest, log, unseen, parts)
+        return _Prepared(u, nodes, samples, rest, log, own, unseen, parts)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
@@ -171,6 +174,8 @@ class TransferModel:
             if self.gain is None:
                 yield Basis(y, offsets, local)
             else:
+                if self.begin.offset == "none":
+                    y = y + self.levels[index]
                 yield Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
 
     def _shape(
@@ -202,7 +207,7 @@ class TransferModel:
 
     def responses(self, index: int, values: Values) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Forced response and free responses without the offset of one run, block by block."""
-        own = self.prepared[index].log is None
+        own = self.prepared[index].own
         for basis in self.pieces(index, values):
             local = np.asarray(basis.local[:, :-1] if own else basis.local)
             if self.gain is None:
@@ -214,19 +219,22 @@ class TransferModel:
         """Steady output of one run at the level that its input starts from."""
         return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
 
+    def beyond(self, index: int, values: Values) -> float:
+        """What is to be added to the response: the level, unless an offset holds it."""
+        return 0.0 if self.begin.offset == "none" else self.level(index, values)
+
     def free_responses(self, index: int, values: Values) -> Iterator[FloatArray]:
         """Free responses without the offset of one run, block by block."""
-        own = self.prepared[index].log is None
+        own = self.prepared[index].own
         return (np.asarray(x[:, :-1] if own else x) for x in self._local(index, values))
 
     def _local(self, index: int, values: Values) -> Iterator[Array]:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
-        # an offset that is shared stands for no initial state
-        shared = p.log is not None
-        free = any_start(*self.realise(values)) if shared else self.beginnings(values)
+        # an offset that is not the run's own stands for no initial state
+        free = self.beginnings(values) if p.own else any_start(*self.realise(values))
         for part, every in zip(p.parts, self._free(index, free), strict=True):
-            count, own = part.stop - part.start, np.ones(int(p.log is None))
+            count, own = part.stop - part.start, np.ones(int(p.own))
             if every is None:
                 yield repeated(own, count)
             elif is_repeated(every):
@@ -277,34 +285,6 @@ def input_level(signal: Signal) -> float:
     return signal.before if stepped else float(signal.values[0])
 
 
-def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
-    """Shortest sample time and longest duration of the logs [s]."""
-    return min(e.sample_time for e in experiments), max(
-        float(e.time[-1] - e.time[0]) for e in experiments
-    )
-
-
-def answers_to_the_past(experiment: Experiment, unrecorded: float) -> int:
-    """How many samples lie within ``unrecorded`` [s] of the start.
-
-    None of a run not even twice as long.
-    """
-    time = experiment.time
-    if time[-1] - time[0] <= 2.0 * unrecorded:
-        return 0
-    first = time[: np.searchsorted(time, time[0] + 2.0 * unrecorded)]
-    return int(np.count_nonzero(first - time[0] < unrecorded))
-
-
-def are_short(experiments: Sequence[Experiment]) -> bool:
-    """Whether the runs hold too few samples to have offsets and initial states of their own.
-
-    In a run of ten samples that begins with the step these would explain the whole response. In
-    a run of a hundred or more they cost next to nothing.
-    """
-    return sum(e.samples for e in experiments) < 100 * len(experiments)
-
-
 def simulate_transfer(
     model: TransferModel, values: Values, offset: float | None = None
 ) -> list[Simulated]:
@@ -318,23 +298,24 @@ def simulate_transfer(
         return [
             Simulated(
                 np.concatenate([known for known, _ in model.responses(i, values)])
-                + (model.level(i, values) + (offset or 0.0)),
+                + (model.beyond(i, values) + (offset or 0.0)),
                 offset=offset or 0.0,
             )
             for i in runs
         ]
-    owners = model.logs if model.common_offset else list(runs)
+    owners = model.logs if model.begin.offset == "log" else list(runs)
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
         outputs = [np.full(model.prepared[i].samples_of_run, np.nan) for i in own]
         forced = [y[model.prepared[i].unseen :] for i, y in zip(own, outputs, strict=True)]
         found = _fit_offset(
-            [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)]
+            [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)],
+            model.begin.offset == "none",
         )
         for i, y, output, unknowns in zip(own, forced, outputs, found, strict=True):
             _add_beginnings(model, i, values, y, unknowns)
-            out[i] = Simulated(output, offset=float(unknowns[-1]) - model.level(i, values))
+            out[i] = Simulated(output, offset=float(unknowns[-1]) - model.beyond(i, values))
     return [out[i] for i in runs]
 
 
@@ -360,17 +341,17 @@ def _add_beginnings(
         forced[part] += free @ unknowns[:-1] + unknowns[-1]
 
 
-def _fit_offset(runs: Sequence[FloatArray]) -> list[FloatArray]:
-    """Least squares of one constant for all runs and free responses for each.
+def _fit_offset(runs: Sequence[FloatArray], none: bool) -> list[FloatArray]:
+    """Least squares of one constant for all runs, or ``none``, and free responses for each.
 
     ``runs`` are tables of free responses, a constant and the rest; returned are the unknowns of
     every run. The constant is found first, from what the free responses cannot explain.
     """
-    if len(runs) == 1:
+    if len(runs) == 1 and not none:
         found = np.linalg.lstsq(runs[0][:, :-1], runs[0][:, -1], rcond=None)[0]
         return [np.asarray(found, dtype=np.float64)]
     left = [project_out(x[:, -2:], x[:, :-2]) for x in runs]
-    power = sum(float(p[:, 0] @ p[:, 0]) for p in left)
+    power = 0.0 if none else sum(float(p[:, 0] @ p[:, 0]) for p in left)
     level = sum(float(p[:, 0] @ p[:, 1]) for p in left) / power if power > 0.0 else 0.0
     out = []
     for x in runs:

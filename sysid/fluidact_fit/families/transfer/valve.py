@@ -22,18 +22,20 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
+from ...estimation.response import Plan, ResponseOptions, Searched
+from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
-from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
-from .model import time_scales
+from .base import ASKED, TransferFamily
 
 _RISE = "Record steps of the command, sampled at least ten times within the rise of the outlet."
 _SHARP = "Record sharp steps of the command at a higher sampling rate."
+_LEAST_DAMPING = 0.02  # damping ratio that a valve has at least
 
 
 @dataclass(frozen=True)
-class ValveOptions(TransferOptions):
+class ValveOptions(ResponseOptions):
     """What is estimated beside gain, frequency and damping."""
 
     dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")
@@ -128,7 +130,8 @@ class Valve(TransferFamily[ValveOptions]):
         """Aliases of an oscillation, and for a fast valve everything faster.
 
         Poles ``-a +- jb`` and ``-a +- j(2 pi k / step +- b)`` decay and swing alike at the
-        samples; only the size of the first ones tells them apart.
+        samples; only the size of the first ones tells them apart. Those of what is sampled well
+        would hardly be damped at all, as no valve is.
         """
         wn, zeta = values["natural_frequency"], values["damping_ratio"]
         poles = []
@@ -142,7 +145,7 @@ class Valve(TransferFamily[ValveOptions]):
         return [
             {"natural_frequency": float(w), "damping_ratio": float(a / w)}
             for w, a in poles
-            if w > 0
+            if a > _LEAST_DAMPING * w > 0.0
         ]
 
     def derive(
