@@ -36,6 +36,8 @@ from .parameters import make_document
 from .parameters.rounding import round_numbers
 from .version import __version__
 
+_NAMED = 5  # logs of a message
+
 
 @dataclass(frozen=True)
 class FitContext:
@@ -108,7 +110,8 @@ def make_parameter_document(
     level = common_level(fitted)
     overall = agreement(fitted, level)
     white = residual_whiteness(fitted, len(solution.names))
-    notices = list(dict.fromkeys([*notices, *solution.notices, *warned]))
+    unused = _unused_logs(fitted)
+    notices = list(dict.fromkeys([*notices, *unused, *solution.notices, *warned]))
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
     every = list(dict.fromkeys([*notices, *reasons]))
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
@@ -183,9 +186,30 @@ def _log_entry(s: Simulation, unit: str, level: float | None) -> dict[str, Any]:
         "samples": a.samples,
         "left_out": s.left_out or None,
         "offset": None if s.offset is None else {"value": s.offset, "unit": unit},
-        "rmse": {"value": a.rmse, "unit": unit},
-        "fit_percent": a.fit_percent,
+        "rmse": {"value": a.rmse, "unit": unit} if a.samples else None,
+        "fit_percent": a.fit_percent if a.samples else None,
     }
+
+
+def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
+    """Name the logs of which no sample was used."""
+    used: dict[int, int] = {}
+    names: dict[int, str] = {}
+    for s in fitted:
+        log = s.experiment.log
+        used[log] = used.get(log, 0) + int(np.count_nonzero(where_finite(s.residual)))
+        names.setdefault(log, s.experiment.name)
+    idle = [names[log] for log, count in used.items() if not count]
+    if not idle:
+        return []
+    some = ", ".join(idle[:_NAMED]) + f" and {len(idle) - _NAMED} more" * (len(idle) > _NAMED)
+    return [
+        Notice(
+            "log-unused",
+            f"{len(idle)} of {len(used)} logs have no sample that the model describes and add "
+            f"nothing to this fit: {some}.",
+        )
+    ]
 
 
 def _validity(variant: Variant, fitted: Sequence[Simulation]) -> dict[str, Any]:

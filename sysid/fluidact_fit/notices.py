@@ -274,6 +274,10 @@ _JUDGEMENT = {
         "One log gives a significantly different value of a parameter than the others do.",
         "Check that it shows the same machine in the same state; leave it out or fit it alone.",
     ),
+    "log-unused": _information(
+        "No sample of a log was fitted: it has none that the model describes.",
+        "Leave the log out, or look at why (`fit.logs[].left_out`, dead bands, `--window`).",
+    ),
     "not-compared": _warning(
         "`check` could not fit the new logs, so only the simulation was compared with them.",
         "Check with logs that determine all parameters, as those of the fit did.",
@@ -368,6 +372,11 @@ _FAMILIES = {
         "more than the noise of its position.",
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
     ),
+    "friction-at-low-speed": _warning(
+        "Logs that are too slow for the dead band hold another friction than the fit gives.",
+        "Use the law at the speeds of the fit only; record slow motion with less noise and give "
+        "`--stribeck=estimate`.",
+    ),
     "friction-shape": _warning(
         "Another law of friction over speed, with as many unknowns, fits as well or better.",
         "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
@@ -424,9 +433,10 @@ _FAMILIES = {
         "A map misses the positions that were held out by far more than those it was trained on.",
         "Record more positions, or give fewer `--hidden` units.",
     ),
-    "velocity-flattened": _warning(
-        "Viscous friction depends on the width of the velocity filter.",
-        "Sample faster, move more slowly, or record the velocity itself.",
+    "valve-hysteresis": _information(
+        "From a command, the friction levels of a spring cylinder are of valve and cylinder "
+        "together.",
+        "Record the pressure and fit with it where the friction of the cylinder alone is wanted.",
     ),
     "velocity-noise": _warning(
         "Much of the variance of the velocity is noise; the bias of viscous friction was removed.",

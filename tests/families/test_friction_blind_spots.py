@@ -174,3 +174,29 @@ def test_one_steady_reading_a_log_tells_no_more_than_its_converter() -> None:
         for name, q in found.parameters.items():
             if name == "viscous" and q.status == "estimated":
                 assert q.ci95[0] <= law[name] <= q.ci95[1]
+
+
+def test_logs_that_are_too_slow_are_named_with_what_they_hold(tmp_path: Path) -> None:
+    """Eight of 18 logs of a drive were dropped in silence, and friction that falls with them."""
+    rng, logs = np.random.default_rng(3), []
+    for speed in (0.1, 0.2, 0.4, 1.0, 6.0, 18.0):
+        for sign in (1.0, -1.0):
+            v = sign * speed + min(0.2 + 0.2 * speed, 0.4) * rng.standard_normal(300)
+            level = 1e-3 * (1.0 + 0.5 * np.exp(-((speed / 0.4) ** 2))) + 1.2e-5 * speed
+            torque = sign * level + 1.5e-4 * rng.standard_normal(300)
+            path = tmp_path / f"{'np'[sign > 0.0]}{speed:g}.csv"
+            table = np.column_stack((0.2 * np.arange(300), v, torque))
+            np.savetxt(path, table, "%.9g", ",", comments="",
+                       header="time [s],angular_velocity [rad/s],torque [N m]")  # fmt: skip
+            logs.append(path)
+    found = ff.fit("cylinder-friction", logs)
+    said = {n.code: n.message for n in found.notices}
+    assert found.verdict == "warn"
+    assert "p0.1.csv" in said["log-unused"]
+    assert "n0.1.csv" in said["log-unused"]
+    assert "p18.csv" not in said["log-unused"]
+    assert "Friction falls with speed" in said["friction-at-low-speed"]
+    (row,) = (r for r in found.document.fit.logs if r.file == "p0.1.csv")
+    assert row.samples == 0
+    assert row.fit_percent is None
+    assert row.rmse is None

@@ -21,9 +21,9 @@ TRUTH = {
 DATASET = Path(__file__).parents[2] / "datasets" / "cylinder-friction"
 # of the fit of the README before viscous friction could differ by direction
 BEFORE = {
-    "viscous": (44.99592168973728, 0.025323754525192175),
-    "coulomb_positive": (2.397489241216967, 0.0036678188203898925),
-    "coulomb_negative": (2.3957502392971124, 0.003695702297719404),
+    "viscous": (44.995922, 0.025326),
+    "coulomb_positive": (2.3974892, 0.0036985),
+    "coulomb_negative": (2.3957502, 0.0036957),
 }
 SIGMA = 0.1  # N
 

@@ -119,6 +119,73 @@ def with_speed(values: Mapping[str, float], speed: FloatArray) -> dict[str, floa
 
 
 @dataclass(frozen=True)
+class Rise:
+    """Stribeck level and speed at which a balance is made linear [N, m/s]; zeros: none.
+
+    ``exponent`` is 2 except where other shapes are compared.
+    """
+
+    level: float = 0.0
+    speed: float = 0.0
+    exponent: float = 2.0
+
+    def shares(
+        self, velocity: FloatArray, noise: float = 0.0
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Share of the level, and its slopes by its speed and by the velocity, ``(n,)`` each.
+
+        ``noise`` of the velocity [m/s] blurs the share: taken instead is the function of the noisy
+        velocity whose mean over normal noise is the share itself [1]_ [1, s/m, s/m].
+
+        References
+        ----------
+        .. [1] L. A. Stefanski, "Unbiased estimation of a nonlinear function of a normal mean with
+           application to measurement error models", Communications in Statistics A18, 1989.
+        """
+        v = self.speed
+        if v <= 0.0:
+            return (np.zeros(velocity.size),) * 3
+        if self.exponent != 2.0:
+            share = np.asarray(np.exp(-((np.abs(velocity) / v) ** self.exponent)))
+            return share, np.zeros(velocity.size), np.zeros(velocity.size)
+        # where the speed is drowned in noise it is refused, and no arithmetic helps
+        q = max(v**2 - 2.0 * noise**2, 0.5 * v**2)
+        share = v / np.sqrt(q) * np.exp(-(velocity**2) / q)
+        by_speed = share * (1.0 / v - v / q + 2.0 * v * velocity**2 / q**2)
+        return share, by_speed, share * -2.0 * velocity / q
+
+
+def friction_columns(
+    sign: FloatArray,
+    velocity: FloatArray,
+    rise: Sequence[FloatArray],
+    forward: FloatArray | None = None,
+) -> dict[str, FloatArray]:
+    """What multiplies the parameters of friction in a balance, by name, ``(n,)`` each.
+
+    Parameters
+    ----------
+    sign
+        Direction of the motion: 1, -1, or between where samples are means over a reversal.
+    velocity, forward
+        [m/s or rad/s], and the part of it that is motion in the positive direction.
+    rise
+        What multiplies the Stribeck level and a change of the Stribeck speed; see :class:`Rise`.
+    """
+    if forward is None:
+        forward = np.where(sign > 0.0, velocity, 0.0)
+    return {
+        "coulomb_positive": 0.5 * (1.0 + sign),
+        "coulomb_negative": -0.5 * (1.0 - sign),
+        "coulomb_mean": sign,
+        "viscous": velocity,
+        "viscous_positive": forward,
+        "viscous_negative": velocity - forward,
+        **dict(zip(STRIBECK, rise)),
+    }
+
+
+@dataclass(frozen=True)
 class RiseSearch:
     """The Stribeck speed on a grid from the slowest to the fastest motion.
 

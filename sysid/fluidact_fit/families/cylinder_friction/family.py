@@ -7,18 +7,9 @@
 ``F`` is what drives the motion, positive along positive velocity; pressure forces and the
 inertia ``m a`` are subtracted when the areas and the mass are given. Of a shaft, torque, moment of
 inertia and angular velocity stand in the same equation, with friction in N m. All levels are
-magnitudes. The regression uses moving samples only [1]_: near standstill friction is a
-matter of presliding and stiction, and a smoothed sign would bias the levels.
-
-A *measured velocity* enters the equation as it is. Its noise would make ``b`` too small;
-the instrument [4]_ in its place is the velocity smoothed over the neighbours of each sample,
-without its own reading, whose noise it does not share: ``Z' (F - A x) = 0``.
-
-The *slope of a position* is a weighted mean of the velocity; the force and the sign of the
-velocity go through the same mean. What the filter removes from a fast stroke it also removes
-from its force, so the friction is that of the unfiltered motion, reversals in the window
-included. The noise left in the slope is subtracted from the normal equations [3]_, and the
-covariance is that of the noise before the filter, propagated through it.
+magnitudes. Only moving samples are used [1]_: near standstill friction is a matter of presliding
+and stiction, and a smoothed sign would bias the levels. How noise of the motion is treated, and
+why a force goes through the filter of a position's slope: ``docs/theory/regression.md``.
 
 Without a second speed in at least one direction, ``b v`` cannot be separated from the levels:
 ``viscous`` is then written as not identified and the levels include all friction. With
@@ -31,10 +22,6 @@ References
    samples left out.
 .. [2] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
    equations 17 to 19: friction levels by direction with a velocity tolerance.
-.. [3] W. A. Fuller, Measurement Error Models, 1987, section 1.2: the moment estimator with
-   a known variance of the error in the regressor.
-.. [4] A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
-   industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014.
 """
 
 from __future__ import annotations
@@ -47,7 +34,8 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.named_model import check_request
-from ...estimation.stribeck import STRIBECK, rise_words, stribeck_specs
+from ...estimation.regression import Estimator
+from ...estimation.stribeck import STRIBECK, Rise, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
@@ -70,12 +58,20 @@ from ...mechanics.friction_law import FrictionLaw
 from ...parameters.problems import find_entries
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
-from .fit import LEVELS, SECOND_SPEED, fit_friction
-from .left_out import leave_out_accelerations, leave_out_turns
+from .fit import SECOND_SPEED, fit_friction
 from .options import ONE_SIDED, SIDES, FrictionOptions
-from .regression import System
 from .remarks import fit_details, remarks
-from .samples import check_measured, count_kept, prepare, sides_moved, simulate_force
+from .samples import (
+    LEVELS,
+    FrictionBalance,
+    check_measured,
+    count_kept,
+    leave_out_accelerations,
+    leave_out_turns,
+    prepare,
+    sides_moved,
+    simulate_force,
+)
 
 
 def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
@@ -190,7 +186,7 @@ class CylinderFriction(Family[FrictionOptions]):
             data, options = leave_out_turns(data, options)
         smooth = count_kept(data)
         fit = fit_friction(variant, data, replace(request, options=options))
-        notices += [*fit.notices, *remarks(fit, variant, experiments)]
+        notices += [*fit.notices, *remarks(fit)]
         counts = {
             "slow_or_reversing": every - moving,
             "accelerating": moving - quiet,
@@ -234,7 +230,8 @@ class CylinderFriction(Family[FrictionOptions]):
         names = (*free.rates, *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
-            (rows[d.support],) = System([d], names, stribeck=low).jacobian()
+            ((at, found),) = Estimator(FrictionBalance([d]), names).jacobian(Rise(*low))
+            rows[at] = found
         return Information(names, rows, law.moving(d.motion.sharp))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

@@ -68,18 +68,13 @@ def differentiate(
     return np.stack([s.value, s.rate, own]), s.inside
 
 
-def sharpening(kernel: FloatArray) -> FloatArray:
-    """Kernel of :func:`sharpen` alone: ``3 - 3 K + K^2``."""
+def sharpened(kernel: FloatArray, taps: FloatArray) -> FloatArray:
+    """Taps of a filter and of :func:`sharpen` after it: ``3 - 3 K + K^2``."""
     reach = kernel.size // 2
     out = np.convolve(kernel, kernel)
     out[reach:-reach] -= 3.0 * kernel
     out[2 * reach] += 3.0
-    return out
-
-
-def sharpened(kernel: FloatArray) -> FloatArray:
-    """Kernel of :func:`sharpen` after this one, three times as long."""
-    return np.convolve(kernel, sharpening(kernel))
+    return np.convolve(taps, out)
 
 
 def _pad(values: FloatArray, before: int, after: int) -> FloatArray:

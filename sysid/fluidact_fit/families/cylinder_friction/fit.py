@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
+from ...estimation.regression import Estimator, Regression
 from ...estimation.results import Refusal, Solved, determine
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
@@ -15,20 +16,17 @@ from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .axis import LINEAR, Axis
 from .options import ONE_SIDED, SIDES, FrictionOptions
-from .regression import Regression, System
 from .samples import (
+    LEVELS,
     Data,
+    FrictionBalance,
     at_speeds,
     both_ways,
-    draw_noisier,
     group_by_log,
     half_range,
-    moving_speeds,
     sides_moved,
-)  # fmt: skip
-from .stribeck import linearise
+)
 
-LEVELS = ("coulomb_positive", "coulomb_negative")
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
 _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an offset
 
@@ -105,15 +103,13 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
             options = replace(
                 options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
             )
-    rises = bool(low or fixed.get("stribeck"))
-    noisier = draw_noisier(variant, data, options, request.seed) if rises else []
-    problem = _Problem(data, limits, options, asked, low, noisier)
+    problem = _Problem(data, limits, options, asked, low)
     end = determine(
         problem.solve,
         lambda found: (
             undetermined(
                 found.free,
-                moving_speeds(data),
+                FrictionBalance(data).speed,
                 # where the search ended: a step of a rise that is not determined may go anywhere
                 lambda held: problem.solve({**held, "stribeck_speed": found.speed}).free,
                 (axis.force_unit, axis.speed_unit),
@@ -130,7 +126,10 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
-    return Fit(data, options, found, solved.renamed(source), ranges, end.notices)
+    held = {n: v for n, v in found.free.values.items() if n not in unknowns}
+    shape = Estimator(FrictionBalance(data), unknowns, held).other_shape()
+    notices = [*end.notices, *([shape] if shape else [])]
+    return Fit(data, options, found, solved.renamed(source), ranges, notices)
 
 
 def _check_rates(options: FrictionOptions, given: Sequence[str]) -> None:
@@ -156,7 +155,7 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     negative beyond doubt.
     """
     names = [f"coulomb_{s}" for s in moved]
-    found = System(data, names).solve().free
+    found = Estimator(FrictionBalance(data), names).solve().free
     mean = sum(found.values.values()) / len(names)
     error = float(np.sqrt(max(float(found.covariance.sum()), 0.0))) / len(names)
     if mean + t_quantile(0.975, found.degrees) * error >= 0.0:
@@ -267,8 +266,7 @@ def _undetermined(
 class _Problem:
     """What stays the same from attempt to attempt.
 
-    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate. With a rise there
-    are ``noisier`` copies of the logs.
+    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate.
     """
 
     data: list[Data]
@@ -276,7 +274,6 @@ class _Problem:
     options: FrictionOptions
     asked: bool
     low: Sequence[str]
-    noisier: Sequence[list[Data]]
 
     def solve(self, held: Mapping[str, float]) -> Regression:
         """Solve with some parameters held, with an offset where a level would be negative."""
@@ -301,7 +298,11 @@ class _Problem:
         Offsets that differ from log to log do not show in the common fit.
         """
         logs = group_by_log(self.data)
-        alone = (System(d, LEVELS).solve() for d in logs if len(logs) > 1 and both_ways(d))
+        alone = (
+            Estimator(FrictionBalance(d), LEVELS).solve()
+            for d in logs
+            if len(logs) > 1 and both_ways(d)
+        )
         return levels_impossible(found) or any(map(levels_impossible, alone))
 
     def _offsets(self) -> list[str]:
@@ -320,10 +321,7 @@ class _Problem:
             )
         low, high = zip(*(self.limits[n] for n in LEVELS))
         limits = {**self.limits, _MEAN: (max(low), min(high))}
-        stribeck = linearise(self.data, names, held)
-        copies = self.noisier if stribeck[1] > 0.0 else ()
-        noisier = [System(d, names, held, limits, stribeck) for d in copies]
-        return System(self.data, names, held, limits, stribeck, noisier=noisier).solve()
+        return Estimator(FrictionBalance(self.data), names, held, limits).solve()
 
 
 def levels_impossible(found: Regression) -> bool:

@@ -18,7 +18,6 @@ from .filters import (
     sensor_noise,
     sharpen,
     sharpened,
-    sharpening,
 )
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
@@ -39,8 +38,9 @@ class Motion:
     smoothed, or that of a position with the first order of what the filter removed restored.
 
     ``inside`` marks the samples whose filter window lies within the record; ``noise`` is the
-    standard deviation of ``velocity``. ``acceleration`` is the derivative of the regressor, a
-    measured velocity filtered before [m/s2]; ``None`` without time. ``half`` is the half-width of
+    standard deviation of ``velocity``, ``raw`` that of what multiplies the Stribeck level: the
+    readings, or ``sharp``. ``acceleration`` is the derivative of the regressor, a measured
+    velocity filtered before [m/s2]; ``None`` without time. ``half`` is the half-width of
     the filter in samples (0: not filtered), and with ``kernel`` the force is smoothed to match
     the regressor. ``exact`` motion was given as a step: nothing in it is noise.
     """
@@ -50,30 +50,25 @@ class Motion:
     sharp: FloatArray
     inside: BoolArray
     noise: float
+    raw: float
     acceleration: FloatArray | None = None
     half: int = 0
     kernel: FloatArray = field(default_factory=lambda: np.ones(1))
     exact: bool = False
 
+    def speed_at(self, share: float) -> float:
+        """Quantile of the speed [m/s]."""
+        return float(np.quantile(np.abs(self.velocity[self.inside]), share))
+
     @property
     def fast(self) -> float:
         """Highest speed but for 2 % [m/s]."""
-        return float(np.quantile(np.abs(self.velocity[self.inside]), 0.98))
-
-    @property
-    def slow(self) -> float:
-        """Lowest speed but for 2 % [m/s]."""
-        return float(np.quantile(np.abs(self.velocity[self.inside]), 0.02))
+        return self.speed_at(0.98)
 
     @property
     def reach(self) -> int:
         """Samples on either side that the matched force depends on."""
         return self.kernel.size // 2
-
-    @property
-    def bare(self) -> FloatArray:
-        """Velocity that the filter hardly flattens: as measured, or from a position."""
-        return self.sharp if self.reach else self.regressor
 
     @property
     def turns(self) -> FloatArray:
@@ -84,9 +79,7 @@ class Motion:
         """
         from scipy.ndimage import maximum_filter1d
 
-        v = self.sharp
-        corner = np.zeros(v.size)
-        corner[1:-1] = np.abs(np.diff(v, 2))
+        corner = np.pad(np.abs(np.diff(self.sharp, 2)), 1)[: self.sharp.size]
         return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
 
     @property
@@ -105,7 +98,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
         return _stepped(experiment, role)
     noise = sensor_noise(experiment, role)
     if not experiment.time.size:
-        return Motion(y, y, y, np.ones(y.size, dtype=bool), noise)
+        return Motion(y, y, y, np.ones(y.size, dtype=bool), noise, noise)
     least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
     samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
     half = max(least, min(samples, (y.size - 1) // 2))
@@ -121,9 +114,11 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
     v, kernel = fill(rows[1], inside), matched_kernel(half, 1)
     far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
     inside = far if far.any() else inside
-    noise /= experiment.sample_time * float(np.linalg.norm(np.arange(-half, half + 1)))
+    offsets = np.arange(-half, half + 1.0)
+    taps = offsets / (float(offsets @ offsets) * experiment.sample_time)
+    quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, sharpened(kernel, taps)))
     acceleration = central_difference(v, experiment.time)
-    return Motion(v, v, sharpen(v, kernel), inside, noise, acceleration, half, kernel)
+    return Motion(v, v, sharpen(v, kernel), inside, quiet, raw, acceleration, half, kernel)
 
 
 def _stepped(experiment: Experiment, role: str) -> Motion:
@@ -139,7 +134,7 @@ def _stepped(experiment: Experiment, role: str) -> Motion:
             remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
         )
     v = experiment.sampled(role)
-    return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, np.zeros(v.size), exact=True)
+    return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, 0.0, np.zeros(v.size), exact=True)
 
 
 def _smoothed_velocity(
@@ -157,13 +152,13 @@ def _smoothed_velocity(
     if experiment.uniform:
         once = matched_kernel(half, 0)
         smoothed = sharpen(smoothed, once)
-        kernel = sharpened(once)
+        kernel = sharpened(once, once)
         share, power = float(kernel[kernel.size // 2]), float(kernel @ kernel)
         own = np.full(measured.size, share)
     others = np.where(inside, (smoothed - own * measured) / (1.0 - own), smoothed)
-    noise *= float(np.sqrt(power - share**2)) / (1.0 - share)
+    quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
     acceleration = central_difference(smoothed, experiment.time)
-    return Motion(others, measured, smoothed, inside, noise, acceleration, half)
+    return Motion(others, measured, smoothed, inside, quiet, noise, acceleration, half)
 
 
 def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> FloatArray | None:
@@ -182,25 +177,19 @@ def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> Flo
     noise = motion.noise * step * float(np.linalg.norm(np.arange(-half, half + 1)))
     before, best = motion.acceleration, central_difference(motion.sharp, experiment.time)
     while 32 * half <= experiment.samples:
-        left = noise * float(np.linalg.norm(_second_derivative(half))) / step**2
+        offsets = np.arange(-half, half + 1.0)
+        slope = np.convolve(offsets / (offsets @ offsets), np.array([-1, 8, 0, -8, 1]) / 12.0)
+        left = noise * float(np.linalg.norm(sharpened(matched_kernel(half, 1), slope))) / step**2
         half *= 2
         rows, inside = differentiate(experiment, experiment[role], half)
         if not inside.any():
             break
-        slope = sharpen(fill(rows[1], inside), matched_kernel(half, 1))
-        longer = central_difference(slope, experiment.time)
-        change = float(np.mean((longer - best)[inside & motion.inside] ** 2))
-        if change > _EXPLAINED * left**2:
+        rate = sharpen(fill(rows[1], inside), matched_kernel(half, 1))
+        longer = central_difference(rate, experiment.time)
+        if float(np.mean((longer - best)[inside & motion.inside] ** 2)) > _EXPLAINED * left**2:
             break
         before, best = best, longer
     return before
-
-
-def _second_derivative(half: int) -> FloatArray:
-    """Weights of the sharpened slope's derivative, per squared sample time."""
-    offsets = np.arange(-half, half + 1)
-    slope = np.convolve(offsets / np.sum(offsets**2), np.array([-1, 8, 0, -8, 1]) / 12.0)
-    return np.convolve(slope, sharpening(matched_kernel(half, 1)))
 
 
 def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> FloatArray:
@@ -229,22 +218,19 @@ def _flattens(before: Motion, now: Motion) -> bool:
     return quiet and now.fast < _FLATTENED * (before.fast - 2.0 * before.noise)
 
 
-def _choose_slope(experiment: Experiment, role: str) -> float:
-    """Half-width for a position: quiet enough, and not too long for the strokes [s]."""
-    chosen, before = _HALF_WIDTHS[0], None
-    for half in _HALF_WIDTHS:
-        motion = _filter(experiment, role, half * experiment.sample_time)
-        if before is not None and _flattens(before, motion):
-            break
-        chosen, before = half, motion
-        if motion.noise <= _QUIET * motion.fast or 16 * half >= experiment.samples:
-            break
-    return chosen * experiment.sample_time
-
-
-def _common_slope(experiments: Sequence[Experiment], role: str) -> float:
-    """Half-width for the positions of several logs [s]."""
-    wanted = [_choose_slope(e, role) for e in experiments]
+def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
+    """Half-width for positions: quiet enough, and not too long for any of the strokes [s]."""
+    wanted = []
+    for e in experiments:
+        chosen, before = _HALF_WIDTHS[0], None
+        for half in _HALF_WIDTHS:
+            motion = _filter(e, role, half * e.sample_time)
+            if before is not None and _flattens(before, motion):
+                break
+            chosen, before = half, motion
+            if motion.noise <= _QUIET * motion.fast or 16 * half >= e.samples:
+                break
+        wanted.append(chosen * e.sample_time)
     half_width = max(wanted)
     for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
         before = _filter(e, role, own)
@@ -253,53 +239,40 @@ def _common_slope(experiments: Sequence[Experiment], role: str) -> float:
     return half_width
 
 
-def _common_smoothing(experiments: Sequence[Experiment], role: str, sharply: bool) -> float:
-    """Half-width for the velocities of all logs: least error of noise and flattening [s].
-
-    Longer than the dead band needs it has to be only where friction is to be told ``sharply``.
+def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:
+    """Half-width for velocities: least error of noise and flattening that the dead band needs [s].
 
     ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
     smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
     """
     step, samples = min(e.sample_time for e in experiments), min(e.samples for e in experiments)
-    noises = [sensor_noise(e, role) for e in experiments]
     best, chosen = np.inf, _HALF_WIDTHS[0]
     for half in _HALF_WIDTHS:
         if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motions = [_filter(e, role, half * step) for e in experiments]
-        error = sum(m.inside.size * _smoothing_error(m, s) for m, s in zip(motions, noises))
+        motions, error = [_filter(e, role, half * step) for e in experiments], 0.0
+        for m in motions:
+            rest, others = (
+                (m.regressor - v)[m.inside] for v in (m.sharp, m.velocity)
+            )  # without the reading itself it is further off by that reading's share
+            share = 1.0 - float(rest @ rest) / max(float(rest @ others), 1e-300)
+            error += float(rest @ rest) + 2.0 * rest.size * share * m.raw**2
         if error < best:
             best, chosen = error, half
-        widened = max(m.noise for m in motions) > 0.25 * SLOW * min(m.fast for m in motions)
-        if not widened and not sharply:
+        if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
             break  # noise does not widen the dead band
     return chosen * step
 
 
-def _smoothing_error(motion: Motion, noise: float) -> float:
-    """Mean square error of a filter: noise left and motion removed, plus a constant [(m/s)2]."""
-    rest = (motion.regressor - motion.sharp)[motion.inside]
-    # the part without the reading itself is further off by that reading's share
-    others = (motion.regressor - motion.velocity)[motion.inside]
-    share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
-    return float(np.mean(rest**2)) + 2.0 * share * noise**2
-
-
 def make_motions(
-    experiments: Sequence[Experiment], role: str, half_width: float | None, sharply: bool = False
+    experiments: Sequence[Experiment], role: str, half_width: float | None
 ) -> tuple[list[Motion], float]:
     """Motion of every log, and the half-width of the filter of all of them [s].
 
-    It is chosen where none is given, and 0 without time. What is chosen for a velocity suits
-    all logs together; both sides of the equation feel that of a position.
+    It is chosen where none is given, and 0 without time.
     """
     measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
     if half_width is None and measured:
-        half_width = (
-            _common_slope(measured, role)
-            if is_place(role)
-            else _common_smoothing(measured, role, sharply)
-        )
+        half_width = (_choose_slope if is_place(role) else _choose_smoothing)(measured, role)
     half_width = half_width or 0.0
     return [_filter(e, role, half_width) for e in experiments], half_width

@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...estimation.results import Solved
-from ...experiment import Experiment
-from ...family import Variant
+from ...mechanics.friction_law import FrictionLaw
 from .axis import LINEAR
 from .filters import DEGREE
-from .fit import LEVELS, Fit, levels_impossible
+from .fit import Fit, levels_impossible
 from .options import ONE_SIDED
-from .regression import System
-from .samples import half_range, prepare
-from .stribeck import linearise, other_shape
+from .samples import LEVELS, half_range
 
 _TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
 _NOTABLE = 0.015  # part of their mean that it has to be to matter
 
 
-def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
+def remarks(fit: Fit) -> Iterator[Notice]:
     """Everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
-    yield from _warn_of_shape(fit)
-    yield from _warn_of_spikes(fit)
+    spikes = fit.found.spike_notice(2.0 * half_range(fit.data), fit.data[0].say, fit.axis.sensor)
+    yield from [spikes] if spikes else []
+    yield from _warn_of_slow_logs(fit)
     yield from _warn_of_disagreement(fit)
     yield from _warn_of_attenuation(fit)
-    yield from _warn_of_flattening(fit, variant, experiments)
 
 
 def _explain_levels(fit: Fit) -> Iterator[Notice]:
@@ -98,28 +93,36 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     )
 
 
-def _warn_of_shape(fit: Fit) -> Iterator[Notice]:
-    """Warn where friction rises towards rest in another way."""
-    names = fit.found.free.names
-    held = {n: v for n, v in fit.found.free.values.items() if n not in names}
-    found = other_shape(fit.data, names, held)
-    if found is not None:
-        yield found
+def _warn_of_slow_logs(fit: Fit) -> Iterator[Notice]:
+    """Warn where logs too slow to be fitted hold another friction than the law gives.
 
-
-def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:
-    """Warn of residuals far outside all others: they bias a least-squares fit."""
-    bare = zip(fit.data, fit.found.bare_residuals)
-    r = np.concatenate([r[d.kept[d.support]] for d, r in bare])
-    off = np.abs(r - np.median(r))
-    limit = max(8.0 * 1.4826 * float(np.median(off)), 2.0 * half_range(fit.data))
-    count = int(np.sum(off > limit))
-    if count:
+    Their mean speed is known where that of a sample is lost in noise.
+    """
+    law, offset = FrictionLaw.of(fit.solved.values), 0.0
+    if fit.options.force_offset:
+        offset = fit.derived()[fit.offset].number
+    off = []
+    for d in fit.data:
+        m = d.motion
+        if d.kept.any() or not d.driven or not m.regressor.size:
+            continue
+        speed, force = float(m.regressor.mean()), float(d.friction.mean()) - offset
+        errors = np.array([m.regressor.std(), d.friction.std()])
+        errors *= _TOLD * np.sqrt((2 * m.reach + 1) / m.regressor.size)
+        more = np.sign(speed) * (force - float(law.moving(speed)))
+        if abs(speed) > errors[0] and abs(more) > max(errors[1], 0.25 * half_range(fit.data)):
+            off.append((float(more), speed, d))
+    if off:
+        more, speed, d = max(off, key=lambda found: abs(found[0]))
+        word = "more" if more > 0.0 else "less"
         yield Notice(
-            "force-spikes",
-            f"{count} of {r.size} moving samples lie more than {fit.data[0].say(limit)} off "
-            f"the fit: spikes of the {fit.axis.sensor}, or contact at the end of the stroke. "
-            "Look at the picture (--plot) and leave them out with --window.",
+            "friction-at-low-speed",
+            f"{len(off)} logs that are too slow for the dead band hold another friction: "
+            f"{d.say(abs(more))} {word} than the fit gives at {abs(speed):.2g} "
+            f"{fit.axis.speed_unit} ({d.experiment.name})."
+            + " Friction falls with speed there, and the levels are those of faster motion only."
+            * (more > 0.0)
+            + " Record these speeds with less noise of the motion and give --stribeck=estimate.",
         )
 
 
@@ -162,51 +165,6 @@ def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
             "friction too small by as much. The bias was removed, but the size of the noise is "
             "known from the log only. Give a longer --filter, or a better velocity.",
         )
-
-
-def _warn_of_flattening(
-    fit: Fit, variant: Variant, experiments: Sequence[Experiment]
-) -> Iterator[Notice]:
-    """Warn where a filter of twice the width gives another viscous friction.
-
-    A measured velocity enters the regression unfiltered, and nothing can flatten it. With a
-    position both sides are filtered alike; what is left is motion too fast for its own
-    samples. The two estimates share their noise, so their difference varies as their
-    variances differ.
-    """
-    first = fit.found.free
-    rates = [n for n in fit.options.rates if n in first.names]
-    if not rates or all(d.motion.reach == 0 for d in fit.data):
-        return
-    half_width = fit.options.filter or 0.0
-    try:
-        wider, _ = prepare(variant, experiments, replace(fit.options, filter=2.0 * half_width))
-        both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
-        if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
-            return
-        held = {n: v for n, v in first.values.items() if n not in first.names}
-        stribeck = linearise(both, first.names, held)
-        second = System(both, first.names, held, stribeck=stribeck).solve().free
-    except LogError:
-        return
-    changes = {n: second.values[n] - first.values[n] for n in rates if _differs(first, second, n)}
-    if changes:
-        change = max(changes.values(), key=abs)
-        yield Notice(
-            "velocity-flattened",
-            f"viscous friction changes by {change:+.3g} {fit.axis.viscous} when the velocity "
-            f"filter is twice as wide (half-width {half_width:.3g} s): the motion is too fast for "
-            "these samples, or friction is not linear in speed. Sample faster, move more slowly, "
-            "or give a measured velocity; --filter sets the half-width.",
-        )
-
-
-def _differs(first: Solved, second: Solved, name: str) -> bool:
-    """Whether a longer filter changes a value by more than the noise that it removes can."""
-    errors = first.std_error(name), second.std_error(name)
-    error = max(np.sqrt(max(errors[1] ** 2 - errors[0] ** 2, 0.0)), 0.5 * errors[0])
-    change = second.values[name] - first.values[name]
-    return bool(abs(change) > 3.0 * error + 1e-3 * abs(first.values[name]))
 
 
 def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:

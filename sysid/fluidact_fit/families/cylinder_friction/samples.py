@@ -4,25 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...errors import LogError, NotIdentifiedError
-from ...estimation.input_noise import InputNoise
-from ...estimation.stribeck import with_speed
+from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.noise import common_step
+from ...estimation.regression import Balance, Estimator, Evidence, reached
+from ...estimation.stribeck import Rise, friction_columns, with_speed
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
-from ...mechanics.friction_law import FrictionLaw, stribeck_share
+from ...mechanics.friction_law import FrictionLaw
 from .axis import Axis, axis_of, driven_by_pressure, motion_role
-from .filters import sensor_noise
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import SIDES, FrictionOptions, check_options
 
+LEVELS = ("coulomb_positive", "coulomb_negative")
+MASS = "mass"  # what an unknown mass would add, estimated only to see what it takes
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _STEADY = 0.1  # part of its mean that a steady speed may wander
 _FEWEST_STEADY = 50  # samples that show it
-_PAIRS = 2, 12  # least and most draws of the noise of the motion, each added and subtracted
-_ROWS = 600_000  # that all draws together hold
+_SMALL = 0.05  # share of the friction that inertia may have before it matters
+_CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
+_SHARP = 0.02  # of the highest speed that it is there at least
 
 
 @dataclass(frozen=True)
@@ -61,39 +65,14 @@ class Data:
         """Velocities of the kept samples [m/s]."""
         return self.motion.velocity[self.kept]
 
-    @property
-    def support(self) -> BoolArray:
-        """Samples that the fitted ones depend on, shape ``(n,)``."""
-        from scipy.ndimage import maximum_filter1d
+    def side(self, side: str) -> BoolArray:
+        """Which of the kept samples move in a direction."""
+        return self.speed > 0.0 if side == "positive" else self.speed < 0.0
 
-        return np.asarray(maximum_filter1d(self.kept, 2 * self.motion.reach + 1, mode="constant"))
-
-    def spread(self, columns: FloatArray) -> FloatArray:
-        """What multiplies the unfiltered force where ``columns`` multiply the matched one.
-
-        Shapes ``(kept, p)`` and ``(support, p)``.
-        """
-        if not self.motion.reach:
-            return columns
-        full = np.zeros((self.kept.size, columns.shape[1]))
-        full[self.kept] = columns
-        out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
-        return np.column_stack(out)[self.support]
-
-    def low(self, speed: float, exponent: float = 2.0) -> tuple[FloatArray, FloatArray]:
-        """Signed Stribeck share and its derivative by the Stribeck speed [s/m], ``(n,)`` each.
-
-        Of the unfiltered motion, as quiet as it is known.
-        """
-        v = np.abs(self.motion.sharp)
-        share = np.sign(self.motion.velocity) * stribeck_share(v, speed, exponent)
-        return share, share * exponent * v**exponent / speed ** (exponent + 1.0)
-
-    def smoothed(self, force: FloatArray) -> FloatArray:
-        """Smooth a force like the regressor, shape ``(n,)``."""
+    def _smoothed(self, force: FloatArray) -> FloatArray:
         return match_force(self.experiment, self.motion, force)
 
-    def forward(self, speed: FloatArray) -> FloatArray:
+    def _forward(self, speed: FloatArray) -> FloatArray:
         """Part of a regressor that is motion in the positive direction, shape ``(n,)`` [m/s].
 
         The slope of a position is a mean over its window. Where the motion reverses in it,
@@ -103,12 +82,91 @@ class Data:
         if not self.motion.reach:
             return np.where(ahead, speed, 0.0)
         sharp = self.motion.sharp
-        own = self.smoothed(np.maximum(sharp, 0.0))
-        return own + np.where(ahead, speed - self.smoothed(sharp), 0.0)
+        own = self._smoothed(np.maximum(sharp, 0.0))
+        return own + np.where(ahead, speed - self._smoothed(sharp), 0.0)
 
-    def side(self, side: str) -> BoolArray:
-        """Which of the kept samples move in a direction."""
-        return self.speed > 0.0 if side == "positive" else self.speed < 0.0
+    def _columns(self, speed: FloatArray, rise: Sequence[FloatArray], at: BoolArray,
+                 matched: bool) -> dict[str, FloatArray]:  # fmt: skip
+        """Columns at some samples, of the equation as it is or smoothed with the regressor."""
+        sign = self.direction if matched else np.sign(self.motion.velocity)
+        forward = self._forward(speed) if matched else np.where(sign > 0.0, speed, 0.0)
+        rise = [(self._smoothed(c) if matched else c)[at] for c in rise]
+        out = friction_columns(sign[at], speed[at], rise, forward[at])
+        one = np.ones(int(at.sum()))
+        out |= {"offset": one, f"offset[{self.experiment.log}]": one}
+        if self.motion.acceleration is not None:
+            out[MASS] = self.motion.acceleration[at]
+        return out
+
+    def balance(self, rise: Rise, step: float) -> Balance:
+        """The run as a balance of forces about a Stribeck level and speed."""
+        m, kept = self.motion, self.kept
+        bare = m.sharp if m.reach else m.regressor
+
+        def rising(speed: FloatArray, noise: float) -> list[FloatArray]:
+            share, by_speed, _ = rise.shares(speed, noise)
+            sign = np.sign(m.velocity)
+            return [sign * share, rise.level * sign * by_speed]
+
+        noise = m.raw if rise.speed > 0.0 else 0.0
+        columns = self._columns(m.regressor, rising(bare, noise), kept, True)
+        own = m.regressor is not m.velocity  # an instrument other than the column itself
+        instruments = self._columns(m.velocity, rising(m.velocity, 0.0), kept, True) if own else {}
+        felt = m.shared if m.reach else m.raw
+        by_velocity = np.sign(m.velocity) * rise.shares(bare, noise)[2]
+        adds: dict[str, FloatArray] = {
+            "viscous": np.full(int(kept.sum()), felt),
+            "stribeck": noise * by_velocity[kept],
+        }
+        adds |= {f"viscous_{s}": np.where(self.side(s), felt, 0.0) for s in SIDES}
+        shared = () if own or m.exact else (adds,)
+        evidence: list[Evidence] = []
+        if m.reach:
+            at = reached(kept, m.kernel.size)
+            plain = self._columns(bare, rising(bare, noise), at, False)
+            evidence = [Evidence(plain, self.friction[at])]
+        elif own:
+            quiet = self._columns(m.sharp, rising(m.sharp, 0.0), kept, False)
+            evidence = [Evidence(columns, self.matched[kept]), Evidence(quiet, self.matched[kept])]
+        return Balance(
+            columns, self.matched[kept], kept, instruments, (adds,), shared,
+            m.kernel, evidence, self.reading, step,
+            self.experiment.time.size > 0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FrictionBalance:
+    """Balance of the forces in motion over all runs."""
+
+    data: Sequence[Data]
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """Velocities of the fitted samples [m/s or rad/s]."""
+        return np.concatenate([d.speed for d in self.data])
+
+    @property
+    def least_speed(self) -> float:
+        """Speed below which there is only noise: the dead band has cut it away."""
+        return 0.0
+
+    @property
+    def least_residual(self) -> float:
+        """Error that the converter of the drive makes [N or N m]."""
+        return float(max(d.resolution for d in self.data) / np.sqrt(12.0))
+
+    @cached_property
+    def _step(self) -> float:
+        """Step of what logged the drive [N]; 0 where there was none, or nothing shows it."""
+        step = max(d.resolution for d in self.data)
+        if step > 0.0 or not all(d.driven for d in self.data):
+            return step
+        return common_step(np.unique(np.concatenate([d.reading for d in self.data])))
+
+    def balances(self, rise: Rise) -> list[Balance]:
+        """Every run about a Stribeck level and speed."""
+        return [d.balance(rise, self._step) for d in self.data]
 
 
 def count_kept(data: Sequence[Data]) -> int:
@@ -127,7 +185,7 @@ def _choose_deadband(motions: Sequence[Motion]) -> float:
     The slowest log that moves at all sets the share, so that a fast one does not hide it. The
     noise of a log that never comes near rest does not matter.
     """
-    near = [m.noise for m in motions if m.slow <= 8.0 * m.noise]
+    near = [m.noise for m in motions if m.speed_at(0.02) <= 8.0 * m.noise]
     floor = 4.0 * max(near, default=0.0)
     moving = [m.fast for m in motions if m.fast > floor]
     return float(max(floor, SLOW * min(moving, default=0.0)))
@@ -196,19 +254,19 @@ def prepare(
 ) -> tuple[list[Data], FrictionOptions]:
     """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
-    curved = options.stribeck == "estimate"
-    motions, half_width = make_motions(experiments, motion_role(variant), options.filter, curved)
+    motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
     options = replace(options, filter=half_width, deadband=deadband)
     scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
     out = []
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
-        acceleration, inertia = motion.acceleration, np.zeros(motion.velocity.size)
+        inertia = np.zeros(motion.velocity.size)
+        rest = np.zeros(inertia.size) if drive is None else drive - pressure
+        acceleration = motion.acceleration
         if options.moved and acceleration is not None:
             acceleration = quiet_acceleration(e, motion, motion_role(variant))
             inertia = options.moved * np.asarray(acceleration)
-        rest = np.zeros(inertia.size) if drive is None else drive - pressure
         if acceleration is motion.acceleration:  # filtered as the regressor is
             matched = match_force(e, motion, rest) - inertia
         else:
@@ -217,34 +275,14 @@ def prepare(
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & described(motion, options)
-        known, friction, driven = pressure + inertia, rest - inertia, drive is not None
+        driven = drive is not None
         resolution = scale * e.signals[variant.output.name].resolution if driven else 0.0
         reading = rest if drive is None else drive
         out.append(
-            Data(e, motion, known, friction, matched, reading, resolution, direction, moving, kept,
-                 scale, driven, axis_of(variant))
+            Data(e, motion, pressure + inertia, rest - inertia, matched, reading, resolution,
+                 direction, moving, kept, scale, driven, axis_of(variant))
         )  # fmt: skip
     return out, options
-
-
-def draw_noisier(
-    variant: Variant, data: Sequence[Data], options: FrictionOptions, seed: int
-) -> list[list[Data]]:
-    """The runs with the noise of their motion once more, in antithetic pairs.
-
-    Empty where there is none, or no time to tell it by.
-    """
-    role, rows = motion_role(variant), sum(d.kept.size for d in data)
-    pairs = int(np.clip(_ROWS // rows, *_PAIRS))
-    noises = [
-        InputNoise([e], role, sensor_noise(e, role), seed=seed + k, pairs=pairs)
-        for k, e in enumerate(d.experiment for d in data if not d.motion.exact)
-        if e.time.size
-    ]
-    if len(noises) < len(data) or not any(n.sigma for n in noises):
-        return []
-    drawn = ([n.add(k, sign)[0] for n in noises] for k in range(pairs) for sign in (1.0, -1.0))
-    return [prepare(variant, experiments, options)[0] for experiments in drawn]
 
 
 def described(motion: Motion, options: FrictionOptions) -> BoolArray:
@@ -273,18 +311,70 @@ def _is_steady(velocity: FloatArray) -> bool:
 
 def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> BoolArray:
     """Samples whose speed lies in the range of their direction, if there are such ranges."""
-    if not speeds:
-        return np.ones(motion.velocity.size, dtype=bool)
-    near = np.zeros(motion.velocity.size, dtype=bool)
+    near = np.full(motion.velocity.size, not speeds)
     for side, (low, high) in speeds.items():
         v = motion.velocity if side == "positive" else -motion.velocity
         near |= (v >= low) & (v <= high)
     return near
 
 
-def moving_speeds(data: Sequence[Data]) -> FloatArray:
-    """Velocities of the kept samples of all runs [m/s]."""
-    return np.concatenate([d.speed for d in data])
+def leave_out_accelerations(
+    data: list[Data], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions, list[Notice]]:
+    """Leave out samples in which an unknown mass would show, and settle which these are.
+
+    The mass is estimated along with friction, only to see where its force exceeds a share
+    of the friction.
+    """
+    slopes = [d.motion.acceleration for d in data]
+    if any(a is None for a in slopes):
+        return data, options, []
+    size = np.concatenate([np.abs(a[d.kept]) for d, a in zip(data, slopes) if a is not None])
+    fast = max(float(np.abs(d.speed).max(initial=0.0)) for d in data)
+    if size.max() <= 1e-9 * fast / min(d.experiment.sample_time for d in data):
+        return data, options, []  # rounding, no acceleration
+    mass = Estimator(FrictionBalance(data), [*LEVELS, "viscous", MASS]).solve().free.values[MASS]
+    share = _SMALL * half_range(data)
+    if mass * float(np.quantile(size, 0.999)) <= share:
+        return data, options, []
+    limited = replace(options, acceleration_limit=share / mass)
+    quiet = [replace(d, kept=d.kept & described(d.motion, limited)) for d in data]
+    before, after = count_sides(data), count_sides(quiet)
+    if all(after[s] >= 0.2 * before[s] for s in SIDES):
+        return quiet, limited, []
+    axis = data[0].axis
+    message = (
+        f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
+        f"the moving samples (about {mass:.3g} {axis.inertia_unit}). Give --{axis.inertia}="
+        f"{axis.inertia_unit.replace(' ', '').upper()} to subtract it."
+    )
+    return data, options, [Notice("inertia-matters", message)]
+
+
+def leave_out_turns(
+    data: list[Data], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions]:
+    """Leave out samples about corners of the velocity that lie between two readings.
+
+    Of a few ramps between readings far apart they have nearly all of the error. They are left out
+    where most of the samples that an estimate gives no weight are among them.
+    """
+    if not all(d.experiment.time.size for d in data):
+        return data, options
+    turns = [d.motion.turns for d in data]
+    usual = float(np.median(np.concatenate([t[d.kept] for d, t in zip(data, turns)])))
+    fast = max(float(np.abs(d.speed).max(initial=0.0)) for d in data)
+    settled = replace(options, turn_limit=max(_CORNER * usual, _SHARP * fast))
+    smooth = [replace(d, kept=d.kept & described(d.motion, settled)) for d in data]
+    if count_kept(smooth) == count_kept(data) or min(count_sides(smooth).values()) == 0:
+        return data, options
+    names = [*(f"coulomb_{s}" for s in sides_moved(data)), *options.rates]
+    found = Estimator(FrictionBalance(data), names).solve()
+    off = [np.abs(r) > found.limit for r in found.residuals]
+    cornered = sum(int((o & ~s.kept[d.kept]).sum()) for o, d, s in zip(off, data, smooth))
+    if 2 * cornered > sum(int(o.sum()) for o in off):
+        return smooth, settled
+    return data, options
 
 
 def simulate_force(
@@ -296,7 +386,7 @@ def simulate_force(
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(plant.variant, experiments, plant.options)
-    law = FrictionLaw.of(with_speed(plant.numbers, moving_speeds(data)))
+    law = FrictionLaw.of(with_speed(plant.numbers, FrictionBalance(data).speed))
     offsets: dict[int, float] = {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}

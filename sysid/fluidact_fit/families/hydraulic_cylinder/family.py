@@ -246,11 +246,11 @@ def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
     parameters, order, matrix = first.quantities(specs)
     notices = [*first.notices]
     if rows.speed.size >= 4 and rows.moving.sum() >= 4:
-        friction = fit_friction(case)
+        friction, warnings = fit_friction(case)
         more, names, block = friction.quantities(specs)
         parameters, order = {**parameters, **more}, (*order, *names)
         matrix = block_diag(matrix, block)
-        notices += friction.notices
+        notices += warnings
     for spec in specs:
         if spec.name in parameters:
             continue

@@ -259,7 +259,7 @@ def _start(case: Case, first: Values) -> tuple[dict[str, float], dict[str, float
     speed = max(float(np.mean(speeds)), 1e-6)
     values = scales = {"viscous": force / speed, "coulomb": force}
     if case.friction.moving.sum() >= 8:
-        found = fit_friction(case, lenient=True).values
+        found = fit_friction(case, lenient=True)[0].values
         values = {n: found[n] for n in scales}
         scales = {n: max(v, scales[n]) for n, v in values.items()}
     start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first, **values}

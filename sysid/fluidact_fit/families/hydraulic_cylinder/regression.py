@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ...errors import LogError
+from ...errors import LogError, Notice
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import Basis, Unknown
-from ...estimation.results import Refusal
+from ...estimation.regression import Balance, Estimator, LinearBalance, Regression
+from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import STRIBECK
-from ...estimation.uncertainty import covariance, t_quantile
+from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from ...mechanics.friction_law import FrictionLaw
@@ -162,33 +164,40 @@ def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | N
 
 
 def _proportional(
-    columns: Sequence[FloatArray], targets: Sequence[FloatArray], robust: bool = True
+    columns: Sequence[FloatArray], targets: Sequence[FloatArray], timed: bool = True
 ) -> tuple[float, float, int]:
     """Factor of one column over several logs, its standard error, degrees of freedom."""
-    j, y = np.concatenate(columns), np.concatenate(targets)
-    factor = float(j @ y / (j @ j))
-    rest = [t - c * factor for c, t in zip(columns, targets)]
-    found = covariance([c[:, None] for c in columns], rest, robust=robust)
-    return factor, float(np.sqrt(found.covariance[0, 0])), found.degrees
+    runs = [
+        Balance({"factor": c}, t, np.ones(t.size, dtype=bool), timed=timed)
+        for c, t in zip(columns, targets)
+    ]
+    found = Estimator(LinearBalance(runs), ["factor"]).solve().free
+    return found.values["factor"], found.std_error("factor"), found.degrees
 
 
-def fit_friction(case: Case, lenient: bool = False) -> Fitted:
+def fit_friction(case: Case, lenient: bool = False) -> tuple[Solved, list[Notice]]:
     """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
-    rows, specs = case.friction, case.variant.parameters
+    rows, fixed = case.friction, case.request.fixed
     v, f = rows.speed[rows.moving], rows.force[rows.moving]
-    f = f - FrictionLaw.of({n: case.request.fixed.get(n, 0.0) for n in STRIBECK}).moving(v)
+    f = f - FrictionLaw.of({n: fixed.get(n, 0.0) for n in STRIBECK}).moving(v)
     both = not lenient and (v > 0.0).any() and (v < 0.0).any()
-    table = np.column_stack([v, np.sign(v), *([np.ones(v.size)] if both else ())])
-    basis = Basis(np.zeros(v.size), table, np.zeros((v.size, 0)))
     size = max(float(np.abs(f).max()), 1e-300)
     scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
-    nuisance = ("offset",) if both else ()
-    model = NamedModel(
-        (), (*scales,), lambda index, values: basis, [f], nuisance=nuisance, robust=rows.in_time
-    )
-    unknowns = make_unknowns(specs, (*scales,), scales, case.request)
     sensible = {n: np.inf if lenient else 0.5 * s for n, s in scales.items()}
-    return fit_named(model, specs, case.request, unknowns, [{}], sensible=sensible)
+    specs = {s.name: s for s in case.variant.parameters if s.name in scales}
+    limits = {n: case.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
+    columns = {"viscous": v, "coulomb": np.sign(v), "offset": np.ones(v.size)}
+    model = LinearBalance([Balance(columns, f, np.ones(v.size, dtype=bool), timed=rows.in_time)])
+
+    def solve(held: Mapping[str, float]) -> Regression:
+        given = {n: x for n, x in held.items() if n in specs}
+        names = [n for n in (*specs, *(["offset"] if both else [])) if n not in given]
+        return Estimator(model, names, given, limits).solve()
+
+    end = determine(solve, lambda found: left_open(found.free, specs, sensible), specs, fixed=fixed)
+    found = end.solution
+    solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
+    return solved, end.notices
 
 
 def friction_levels(case: Case) -> dict[str, Quantity]:

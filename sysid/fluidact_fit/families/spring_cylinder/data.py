@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...errors import LogError
 from ...estimation.motion_state import choose_dead_band, held_direction, motion_state
+from ...estimation.regression import Balance
+from ...estimation.stribeck import Rise, friction_columns
 from ...experiment import BoolArray, Experiment, FloatArray
+from ...family import NoiseLevel
 from ...specification import Variant
-from .equation import SpringLaw
-from .instruments import REACH, Instrument, Motion, differentiate, instruments
+from .equation import LEVELS, SpringLaw
+from .instruments import REACH, Instrument, find_instruments, find_motion
 from .options import SpringOptions
+
+EQUAL = "coulomb_mean"  # stands for both levels where they are taken to be equal
+_DROWNED = 2.0  # times the noise of a velocity: below it a speed is not known
 
 
 @dataclass(frozen=True)
@@ -36,6 +44,86 @@ class Run:
     def predict(self, law: SpringLaw) -> FloatArray:
         """Force of the model at every sample [N]."""
         return law.force(self.drive, self.position, self.direction, self.velocity)
+
+    @property
+    def instrumented(self) -> Run:
+        """The run with the instruments of its noisy columns in their place."""
+        columns: dict[str, Any] = {name: i.values for name, i in self.instruments.items()}
+        return replace(self, instruments={}, **columns)
+
+    def noise(self, name: str) -> float:
+        """Noise of a column [its unit]."""
+        return self.instruments[name].noise if name in self.instruments else 0.0
+
+    def columns(self, gain: str, rise: Rise) -> dict[str, FloatArray]:
+        """Derivative of the force by parameters at the kept samples, shape ``(kept,)`` each."""
+        s, v = self.direction[self.kept], self.velocity[self.kept]
+        share, slope, _ = rise.shares(v, self.noise("velocity"))
+        friction = friction_columns(s, v, (s * share, s * rise.level * slope))
+        friction |= dict(zip(LEVELS, (friction["coulomb_positive"], friction["coulomb_negative"])))
+        return {
+            gain: self.drive[self.kept],
+            "stiffness": -self.position[self.kept],
+            "preload": np.full(s.size, -1.0),
+            **{name: -column for name, column in friction.items()},
+        }
+
+    def balance(self, gain: str, rise: Rise) -> Balance:
+        """The run as a balance of forces about a Stribeck level and speed."""
+        quiet = self.instrumented.columns(gain, rise)
+        s, one = self.direction[self.kept], np.ones(int(self.kept.sum()))
+        by_velocity = rise.shares(self.velocity[self.kept], self.noise("velocity"))[2]
+        noises = (
+            {gain: self.noise("drive") * one},
+            {"stiffness": -self.noise("position") * one},
+            {
+                "viscous": -self.noise("velocity") * one,
+                "stribeck": -self.noise("velocity") * s * by_velocity,
+            },
+        )
+        force = self.experiment.signals["force"]
+        return Balance(
+            self.columns(gain, rise), self.force[self.kept], self.kept,
+            quiet if self.instruments else {}, noises, reading=self.force,
+            step=force.resolution, timed=self.experiment.time.size > 0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SpringBalance:
+    """Balance of the forces on the rod over all runs."""
+
+    runs: Sequence[Run]
+    gain: str
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """Velocities of the fitted samples [m/s]."""
+        return np.concatenate([d.velocity[d.kept] for d in self.runs])
+
+    @property
+    def least_speed(self) -> float:
+        """Speed below which there is only noise [m/s]."""
+        return _DROWNED * max(d.noise("velocity") for d in self.runs)
+
+    @property
+    def least_residual(self) -> float:
+        """Error that the converter of the force makes [N]."""
+        steps = [d.experiment.signals["force"].resolution for d in self.runs]
+        return float(max(steps) / np.sqrt(12.0))
+
+    def balances(self, rise: Rise) -> list[Balance]:
+        """Every run about a Stribeck level and speed."""
+        return [d.balance(self.gain, rise) for d in self.runs]
+
+
+def input_noise(variant: Variant, runs: Sequence[Run]) -> dict[str, NoiseLevel]:
+    """Noise of the inputs that were recorded, the largest of all runs, by role."""
+    out = {}
+    for name, role in (("drive", variant.name), ("position", "position"), ("velocity", "velocity")):
+        own = [d.noise(name) for d in runs if role in d.experiment]
+        out[role] = max(own, default=0.0)
+    return {role: NoiseLevel(sigma) for role, sigma in out.items() if sigma}
 
 
 def prepare(
@@ -72,8 +160,8 @@ def _prepare_run(
     e: Experiment, variant: Variant, turning: FloatArray | None, options: SpringOptions
 ) -> Run:
     drive, position = e.sampled(variant.name), e.sampled("position")
-    motion = _motion(e, position)
-    found = instruments(e, drive, position, motion)
+    motion = find_motion(e, position)
+    found = find_instruments(e, drive, position, motion)
     if turning is None:
         direction = motion_state(e.sampled("direction"))
     else:
@@ -86,19 +174,6 @@ def _prepare_run(
                                 options.settle)  # fmt: skip
     kept = (direction != 0.0) & motion.inside & away
     return Run(e, drive, position, motion.rate, direction, force, kept, found)
-
-
-def _motion(e: Experiment, position: FloatArray) -> Motion:
-    """Velocity, its own or from position, and where it can be relied upon."""
-    everywhere = np.ones(position.size, dtype=bool)
-    if "velocity" in e:
-        return Motion(e.sampled("velocity"), everywhere, 0.0)
-    if e.time.size < 12 or e["position"].size < position.size:
-        return Motion(np.zeros(position.size), everywhere, 0.0)
-    if e.uniform:
-        return differentiate(position, e.sample_time)
-    rate = np.asarray(np.gradient(position, e.time))
-    return Motion(rate, everywhere, 1.0 / (np.sqrt(2.0) * e.sample_time))
 
 
 def _without_itself(drive: FloatArray) -> FloatArray:

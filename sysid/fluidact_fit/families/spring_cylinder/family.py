@@ -35,11 +35,10 @@ from ...family import (
     make_solution,
 )
 from .block import SpringCylinderBlock
-from .columns import fitted_velocities, input_noise, instrumented
-from .data import Run, prepare
+from .data import Run, SpringBalance, input_noise, prepare
 from .equation import GAINS, LEVELS, SpringLaw
+from .fit import Fit, fit_cylinder, settle_levels
 from .options import SpringOptions
-from .regression import SPIKE, Regression, regress, settle_levels
 
 
 def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
@@ -124,7 +123,8 @@ class SpringCylinder(Family[SpringOptions]):
                 expected=f"At least {least}.",
                 remedy="Record cycles of the command, or check --dead-band and --settle.",
             )
-        found, solved, notices = regress(variant, runs, replace(request, options=options))
+        fit = fit_cylinder(variant, runs, replace(request, options=options))
+        found, solved = fit.found, fit.solved
         parameters, order, matrix = solved.quantities(variant.parameters, experiments[0].units)
         derived = {}
         if not any(n in solved.refused for n in LEVELS):  # known whatever is assumed of the preload
@@ -132,15 +132,15 @@ class SpringCylinder(Family[SpringOptions]):
                 {"hysteresis_width": "N"},
                 lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
             )
-        settled = replace(options, spike=found.spike)
+        settled = replace(options, spike=found.limit)
         noisy = input_noise(variant, runs) if found.instrumented else {}
         noise = NoiseModel(matrix, solved.degrees, solved.independent, noisy)
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
             represented=_simulate_represented if found.instrumented else None,
-            notices=[*notices, *_remarks(found, samples)],
-            details=_details(found, runs, options.settle),
+            notices=[*fit.notices, *_remarks(fit, variant)],
+            details=_details(fit, runs, options.settle),
         )  # fmt: skip
 
     def simulate(
@@ -228,7 +228,7 @@ def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulate
 
     Where most of a run is off the law does not hold there, and nothing of it is a spike.
     """
-    law, out = SpringLaw.of(with_speed(plant.numbers, fitted_velocities(runs))), []
+    law, out = SpringLaw.of(with_speed(plant.numbers, SpringBalance(runs, "").speed)), []
     for d in runs:
         force = d.predict(law)
         spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
@@ -260,7 +260,7 @@ def _simulate_represented(
 ) -> list[Simulated]:
     """The force by the instruments of noisy columns; see :attr:`.NoiseModel.instruments`."""
     runs, _ = prepare(plant.variant, experiments, plant.options)
-    return _simulate(plant, [instrumented(d) for d in runs])
+    return _simulate(plant, [d.instrumented for d in runs])
 
 
 _EQUAL = (
@@ -269,8 +269,9 @@ _EQUAL = (
 )
 
 
-def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
+def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     """What was done, for the file; with the error of each branch."""
+    found, order = fit.found, fit.found.uncertainty.order
     residual = np.concatenate(found.residuals)
     state = np.concatenate([d.direction[d.kept] for d in runs])
     branches = {}
@@ -278,14 +279,12 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
         own = residual[state == s]
         if own.size:
             branches[way] = {"samples": own.size, "rmse": float(np.sqrt(np.mean(own**2)))}
-    order = found.order
     return {
-        "method": "two-stage least squares with the neighbours of noisy columns, Huber weights"
-        if found.instrumented
-        else "linear regression, Huber weights",
-        "levels": _EQUAL if found.equal else "free",
+        "method": "linear regression, Huber weights"
+        + ", neighbours of noisy columns as instruments" * found.instrumented,
+        "levels": _EQUAL if fit.equal else "free",
         "robust_scale": found.scale,
-        "spikes": found.spikes,
+        "spikes": found.spikes(),
         "left_out": {
             "unknown_motion_state_or_reversal": sum(int((~d.kept).sum()) for d in runs),
             "share_of_range_after_reversal": settle,
@@ -295,15 +294,20 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
     }
 
 
-def _remarks(found: Regression, samples: int) -> Iterator[Notice]:
-    shape = found.other_shape()
-    if shape is not None:
-        yield shape
-    if found.spikes:
+def _remarks(fit: Fit, variant: Variant) -> Iterator[Notice]:
+    """Samples without weight, and what the levels are of where no pressure was recorded."""
+    found, solved = fit.found, fit.solved
+    width = sum(abs(solved.values[n]) for n in LEVELS) + 2.0 * solved.values.get("stribeck", 0.0)
+    spikes = found.spike_notice(width, lambda force: f"{force:.3g} N", "load cell")
+    if spikes:
+        yield spikes
+    known = [n for n in LEVELS if n in solved.names and solved.values[n] > solved.half_width(n)]
+    if variant.name == "command" and known:
+        gain = solved.values[GAINS["command"]]
         yield Notice(
-            "force-spikes",
-            f"{found.spikes} of {samples} samples lie more than {SPIKE:g} robust standard "
-            f"deviations ({found.spike:.3g} N) off the fit and were given no weight: "
-            "spikes of the load cell, or a spring or friction unlike that of the equation. Look at "
-            "the picture (--plot); the family force-map takes any shape.",
+            "valve-hysteresis",
+            f"{' and '.join(known)} are of valve and cylinder together: a hysteresis of the valve "
+            f"({width / gain:.2g} of the command if it is all of it) acts like friction of the "
+            "rod. Record the pressure and give --column pressure=HEADER in place of the command: "
+            "the levels are then friction alone.",
         )

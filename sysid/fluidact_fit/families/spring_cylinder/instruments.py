@@ -1,19 +1,7 @@
-"""Noise of position and pressure: what stands in for a column that carries some.
+"""Velocity of a record, and the instruments of its noisy columns.
 
-Least squares takes its columns to be exact. Noise of one shrinks its own coefficient and spoils
-the others (a stiffness comes out too small). A column is then weighed not by itself but by an
-*instrument*, made of neighbouring samples only: it follows the true motion and knows nothing of
-the noise of the sample. Two-stage least squares with it is consistent whatever the noise is, and
-real motion, however rough, biases it as little [1]_.
-
-A position is represented by the mean of its two neighbours. A velocity computed from positions
-within ``REACH`` samples by the difference of means on both sides beyond that: white noise of
-the position is then common to no column and no instrument (the weights of the neighbours cancel
-in the odd filter of the velocity).
-
-References
-----------
-.. [1] R. J. Bowden, D. A. Turkington, Instrumental Variables, 1984.
+An instrument is made of other samples than its column: it follows the true motion and knows
+nothing of the noise of the sample (``docs/theory/regression.md``).
 """
 
 from __future__ import annotations
@@ -24,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.noise import white_noise
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...signals import smooth
 
 REACH = 5  # samples on either side that a velocity is computed from, at most
@@ -49,8 +37,21 @@ class Motion:
     """
 
     rate: FloatArray
-    inside: npt.NDArray[np.bool_]
-    gain: float
+    inside: BoolArray
+    gain: float = 0.0
+
+
+def find_motion(e: Experiment, position: FloatArray) -> Motion:
+    """Velocity, its own or from position; zero without time."""
+    everywhere = np.ones(position.size, dtype=bool)
+    if "velocity" in e:
+        return Motion(e.sampled("velocity"), everywhere)
+    if e.time.size < 12 or e["position"].size < position.size:
+        return Motion(np.zeros(position.size), everywhere)
+    if e.uniform:
+        return differentiate(position, e.sample_time)
+    rate = np.asarray(np.gradient(position, e.time))
+    return Motion(rate, everywhere, 1.0 / (np.sqrt(2.0) * e.sample_time))
 
 
 def differentiate(position: FloatArray, sample_time: float) -> Motion:
@@ -60,7 +61,7 @@ def differentiate(position: FloatArray, sample_time: float) -> Motion:
     turns within it. What it loses is seen by a window of five samples, compared where neither
     knows the noise: along the slope of the samples beyond ``REACH``.
     """
-    slope = _of_slope(position, REACH)
+    slope = _slope_around(position)
     sigma = white_noise(position)
     shortest = _smoothed(position, sample_time, 2)
     for half in range(REACH, 2, -1):
@@ -82,7 +83,7 @@ def _smoothed(position: FloatArray, sample_time: float, half: int) -> Motion:
     return Motion(found.rate, found.inside, gain)
 
 
-def instruments(
+def find_instruments(
     e: Experiment, drive: FloatArray, position: FloatArray, motion: Motion
 ) -> dict[str, Instrument]:
     """Instruments of the columns of a run, by ``Run``'s names; of exact ones there are none."""
@@ -90,15 +91,13 @@ def instruments(
         return {}  # rows without time have no neighbours
     out = {}
     for name, values in (("drive", drive), ("position", position), ("velocity", motion.rate)):
-        recorded = name != "velocity" or "velocity" in e
-        if recorded and (sigma := _noise(values)):
-            out[name] = Instrument(_of_neighbours(values), sigma)
+        if (name != "velocity" or "velocity" in e) and (sigma := _noise(values)):
+            out[name] = Instrument(_mean_of_neighbours(values), sigma)
     if "position" in out and "velocity" not in e:
-        sigma = out["position"].noise * motion.gain
-        slope = _of_slope(position, REACH)
+        slope = _slope_around(position)
         size = float(np.sum(slope[motion.inside] ** 2)) or 1.0
         share = float(slope[motion.inside] @ motion.rate[motion.inside]) / size
-        out["velocity"] = Instrument(share * slope, sigma)
+        out["velocity"] = Instrument(share * slope, out["position"].noise * motion.gain)
     return out
 
 
@@ -108,14 +107,14 @@ def _noise(values: FloatArray) -> float:
     return 0.0 if sigma > _ALL * float(values.std()) else sigma
 
 
-def _of_neighbours(values: FloatArray) -> FloatArray:
+def _mean_of_neighbours(values: FloatArray) -> FloatArray:
     """Mean of the samples before and after each, shape ``(n,)``; at the ends the only one."""
     padded = np.concatenate((values[1:2], values, values[-2:-1]))
     return np.asarray(0.5 * (padded[:-2] + padded[2:]))
 
 
-def _of_slope(position: FloatArray, reach: int) -> FloatArray:
-    """What a velocity is proportional to, from samples more than ``reach`` away, ``(n,)``."""
+def _slope_around(position: FloatArray) -> FloatArray:
+    """What a velocity is proportional to, from samples more than ``REACH`` away, ``(n,)``."""
     total = np.concatenate(([0.0], np.cumsum(position)))
     k = np.arange(position.size)
 
@@ -123,4 +122,4 @@ def _of_slope(position: FloatArray, reach: int) -> FloatArray:
         low, high = np.clip(first, 0, k.size - 1), np.clip(last, 0, k.size - 1)
         return np.asarray((total[high + 1] - total[low]) / (high + 1 - low))
 
-    return np.asarray(mean(k + reach + 1, k + 2 * reach) - mean(k - 2 * reach, k - reach - 1))
+    return np.asarray(mean(k + REACH + 1, k + 2 * REACH) - mean(k - 2 * REACH, k - REACH - 1))

@@ -1,0 +1,546 @@
+"""Regression of a balance of measured quantities: one estimator for every family that has one.
+
+    Z' W (y - A x) + C x = 0
+
+The columns ``A`` multiply the unknowns, ``W`` are Huber's weights. A column that carries noise is
+weighed by an instrument ``Z`` made of other readings; what noise both have in common is ``C``
+[1]_. Without noise that matters ``Z`` is ``A`` and this is least squares. The Stribeck speed, in
+which no balance is linear, is solved for in steps. See ``docs/theory/regression.md``.
+
+References
+----------
+.. [1] W. A. Fuller, Measurement Error Models, 1987, sections 1.2 and 1.4.
+.. [2] P. J. Huber, E. Ronchetti, Robust Statistics, 2nd ed., 2009, chapter 7.
+.. [3] T. W. Anderson, H. Rubin, "Estimation of the parameters of a single equation in a complete
+   system of stochastic equations", Annals of Mathematical Statistics 20, 1949.
+.. [4] J. L. Montiel Olea, C. Pflueger, "A robust test for weak instruments", Journal of Business
+   and Economic Statistics 31, 2013, table 1: one instrument, bias of 5 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import Notice
+from ..experiment import BoolArray, FloatArray
+from .results import Solved
+from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fastest
+from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
+
+SPIKE = 8.0  # robust standard deviations beyond which a sample has no weight
+_HUBER = 4.0  # and beyond which it has less: normal errors are hardly ever so far off
+_BIASED = 0.03  # standard errors of bias by noise of a column, from which instruments are used
+_MOST = 0.3  # of what a column tells: more noise than that is not subtracted
+_WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise [4]_
+_SEARCHED = 4000  # samples on which the Stribeck speed is searched for
+_STEPS = 12  # from one Stribeck speed to the next
+_SETTLED = 1e-3  # relative change of level and speed at which they end
+
+Columns = Mapping[str, FloatArray]
+
+
+def reached(at: BoolArray, width: int) -> BoolArray:
+    """Samples within half the width of a filter of a chosen one, shape ``(N,)``."""
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(at, width, mode="constant"))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Samples whose residuals show the noise of the target: columns and target, ``(m,)`` each."""
+
+    columns: Columns
+    target: FloatArray
+
+
+@dataclass(frozen=True)
+class Balance:
+    """One run of a balance; forces and what multiplies the unknowns by name, SI.
+
+    Attributes
+    ----------
+    columns, target
+        What multiplies the unknowns, and what they have to explain, shape ``(n,)`` each.
+    at
+        Which samples of the run these are, ``(N,)``.
+    instruments
+        What stands in for the columns that carry noise, ``(n,)`` each.
+    noises
+        For every noisy signal what one standard deviation of it adds to the columns, ``(n,)``.
+    shared
+        Those of ``noises`` that the instruments have in common with the columns.
+    kernel
+        Weights by which the target was smoothed; its noise is that of ``evidence``, over the
+        samples that these reach.
+    evidence
+        The balance as its noise shows; the balance itself where there is none. Of several the
+        one with most noise counts.
+    reading, step
+        What was logged of the target, ``(N,)``, and the step of its converter.
+    timed
+        Whether the samples follow each other in time.
+    """
+
+    columns: Columns
+    target: FloatArray
+    at: BoolArray
+    instruments: Columns = field(default_factory=dict)
+    noises: Sequence[Columns] = ()
+    shared: Sequence[Columns] = ()
+    kernel: FloatArray = field(default_factory=lambda: np.ones(1))
+    evidence: Sequence[Evidence] = ()
+    reading: FloatArray | None = None
+    step: float = 0.0
+    timed: bool = True
+
+    @property
+    def support(self) -> BoolArray:
+        """Samples that the fitted ones depend on, shape ``(N,)``."""
+        return reached(self.at, self.kernel.size)
+
+    def spread(self, table: FloatArray) -> FloatArray:
+        """What multiplies the target before it was smoothed; ``(n, p)`` to ``(support, p)``."""
+        if self.kernel.size == 1:
+            return table
+        full = np.zeros((self.at.size, table.shape[1]))
+        full[self.at] = table
+        return np.column_stack([np.convolve(c, self.kernel, "same") for c in full.T])[self.support]
+
+
+class RegressionModel(Protocol):
+    """A balance that is linear in its unknowns, but for the Stribeck speed."""
+
+    @property
+    def speed(self) -> FloatArray:
+        """Velocities of the samples that are fitted, of all runs, ``(n,)`` [m/s or rad/s]."""
+
+    @property
+    def least_speed(self) -> float:
+        """Speed below which there is only noise [m/s or rad/s]."""
+
+    @property
+    def least_residual(self) -> float:
+        """Standard deviation of the smallest error that the target can have [N or N m]."""
+
+    def balances(self, rise: Rise) -> Sequence[Balance]:
+        """Every run, linear about a Stribeck level and speed."""
+
+
+@dataclass(frozen=True)
+class LinearBalance:
+    """A :class:`RegressionModel` without a Stribeck term that is unknown."""
+
+    runs: Sequence[Balance]
+    speed: FloatArray = field(default_factory=lambda: np.zeros(0))
+    least_speed: float = 0.0
+    least_residual: float = 0.0
+
+    def balances(self, rise: Rise) -> Sequence[Balance]:
+        """Every run."""
+        return self.runs
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A solved balance.
+
+    ``free`` is the solution without bounds and ``values`` the one within them, both with what
+    was held. ``residuals`` are per run; beyond ``limit`` a sample has no weight. ``instrumented``
+    says whether instruments were needed, ``speed`` about which Stribeck speed it is linear, and
+    ``uncertainty`` what the residuals were taken for.
+    """
+
+    free: Solved
+    values: dict[str, float]
+    residuals: list[FloatArray]
+    scale: float
+    limit: float
+    uncertainty: Uncertainty
+    instrumented: bool
+    speed: float
+
+    def spikes(self, least: float = 0.0) -> int:
+        """Number of samples without weight that are further off than ``least``."""
+        limit = max(self.limit, least)
+        return int(sum(np.count_nonzero(np.abs(r) > limit) for r in self.residuals))
+
+    def spike_notice(self, least: float, say: Callable[[float], str], sensor: str) -> Notice | None:
+        """Name samples that no friction explains, if there are any.
+
+        A sample of the other direction is off by as much as the levels are apart (``least``), and
+        noise with long tails by more than normal noise; neither is a fault of the sensor.
+        """
+        count, limit = self.spikes(least), max(self.limit, least)
+        if not count:
+            return None
+        return Notice(
+            "force-spikes",
+            f"{count} of {sum(r.size for r in self.residuals)} samples lie more than {say(limit)} "
+            f"off the fit and were given no weight: spikes of the {sensor}, contact at the end of "
+            "the stroke, or a force unlike that of the equation. Look at the picture (--plot) and "
+            "leave them out with --window.",
+        )
+
+
+@dataclass(frozen=True)
+class _Robust:
+    """Values ``(p,)``, inverse ``(p, p)``, weights ``(n,)``, scale and limit of the residuals."""
+
+    values: FloatArray
+    inverse: FloatArray
+    weight: FloatArray
+    scale: float
+    limit: float
+
+
+class Estimator:
+    """The estimate of some unknowns of a balance, with others held.
+
+    Parameters
+    ----------
+    model
+        The balance.
+    names
+        The unknowns; a run whose balance has no such column does not depend on it.
+    held
+        Values of the others [SI].
+    limits
+        Lowest and highest value by name [SI].
+    spike
+        Distance from the model below which no sample loses its weight.
+    """
+
+    def __init__(
+        self,
+        model: RegressionModel,
+        names: Sequence[str],
+        held: Mapping[str, float] | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        spike: float = 0.0,
+    ) -> None:
+        self.model, self.names, self.held = model, tuple(names), dict(held or {})
+        self.limits, self.spike = limits or {}, spike
+
+    def solve(self) -> Regression:
+        """Solve, about one Stribeck speed after the other where that is unknown."""
+        if not self.names:
+            residuals = [self._table(b)[1] for b in self.model.balances(Rise())]
+            nothing = Uncertainty(np.zeros((0, 0)), 1, 0.0, 0)
+            free = Solved(self.held, (), nothing.covariance, 1)
+            return Regression(free, self.held, residuals, 0.0, np.inf, nothing, False, 0.0)
+        if "stribeck_speed" not in self.names:
+            return self._about(Rise(*(self.held.get(n, 0.0) for n in STRIBECK)))
+        rise = Rise(*self.search().rise[1:])
+        found = self._about(rise)
+        low, high = slowest_and_fastest(self.model.speed, self.model.least_speed)
+        for _ in range(_STEPS):
+            level, speed = (found.free.values[n] for n in STRIBECK)
+            # no further at once than where the term is still the same one
+            speed = float(np.clip(speed, 0.6 * rise.speed, 1.6 * rise.speed))
+            speed = float(np.clip(speed, 0.5 * low, 2.0 * high))
+            # about too high a level the speed hardly moves, and would seem to be known well
+            off = abs(speed - rise.speed) / speed, abs(level - rise.level) / max(abs(level), 1e-300)
+            if max(off) < _SETTLED:
+                break
+            rise = Rise(level, speed)
+            found = self._about(rise)
+        return found
+
+    def search(self, exponent: float = 2.0) -> RiseSearch:
+        """The Stribeck speed over the range of the motion, on part of the samples."""
+        others = Estimator(self.model, [n for n in self.names if n != "stribeck_speed"], self.held)
+        speeds = self.model.speed
+        every = -(-speeds.size // _SEARCHED)
+
+        def solve(speed: float) -> tuple[float, float]:
+            """Squared mean size of the residuals, which spikes hardly change, and the level."""
+            runs = self.model.balances(Rise(0.0, speed, exponent))
+            tables = []
+            for b in runs:
+                # noise of a reading would make a law better that has less viscous friction
+                quiet = b.evidence[-1].columns if b.evidence and b.kernel.size == 1 else b.columns
+                tables.append(others._table(replace(b, columns=quiet)))
+            a, y = (np.concatenate(parts)[::every] for parts in zip(*tables))
+            best = _solve(a, a, y, np.zeros((a.shape[1],) * 2), (self.model.least_residual, 0.0))
+            level = {**self.held, **dict(zip(others.names, best.values.tolist()))}["stribeck"]
+            return float(np.mean(np.abs(y - a @ best.values))) ** 2, level
+
+        ends = slowest_and_fastest(speeds, self.model.least_speed)
+        return RiseSearch(ends, -(-speeds.size // every), solve)
+
+    def other_shape(self) -> Notice | None:
+        """Say that another law of the rise fits better with as many unknowns, where one does."""
+        return shape_notice(self.search) if set(STRIBECK) <= set(self.names) else None
+
+    def jacobian(self, rise: Rise) -> list[tuple[BoolArray, FloatArray]]:
+        """Derivative of the target before any filter, per run: which samples, and ``(m, p)``."""
+        runs = self.model.balances(rise)
+        z = [_stack(b, self.names, {**b.columns, **b.instruments}) for b in runs]
+        every = np.vstack(z)
+        found = _equivalent(runs, z, _invert(every.T @ every))
+        return [(b.support, j) for b, j in zip(runs, found)]
+
+    def _table(self, balance: Balance | Evidence) -> tuple[FloatArray, FloatArray]:
+        """Columns of the unknowns, ``(n, p)``, and the target less what is held, ``(n,)``."""
+        size = balance.target.size
+        right = balance.target
+        for name, value in self.held.items():
+            if name in balance.columns and name != "stribeck_speed" and value:
+                right = right - value * balance.columns[name]
+        columns = [balance.columns.get(n, np.zeros(size)) for n in self.names]
+        return np.column_stack(columns) if columns else np.zeros((size, 0)), right
+
+    def _about(self, rise: Rise) -> Regression:
+        """Least squares about a rise, or with instruments where noise would bias it."""
+        runs = self.model.balances(rise)
+        tables = [self._table(b) for b in runs]
+        a, y = (np.concatenate(parts) for parts in zip(*tables))
+        least = (self.model.least_residual, self.spike)
+        start = np.array([rise.speed if n == "stribeck_speed" else 0.0 for n in self.names])
+        best = _solve(a, a, y, np.zeros((start.size, start.size)), least)
+        found = self._spread(runs, tables, best, a)
+        errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+        added = self._products(runs, [b.noises for b in runs], best.weight)
+        bias = best.inverse @ added @ best.values
+        own = 1.0 / np.maximum(np.diag(best.inverse), 1e-300)
+        drowned = bool(np.any(np.diag(added) > _MOST * own))
+        instrumented = drowned or bool(np.any(np.abs(bias) > _BIASED * errors))
+        if instrumented:
+            z = np.concatenate(
+                [_stack(b, self.names, {**b.columns, **b.instruments}) for b in runs]
+            )
+            common = self._products(runs, [b.shared for b in runs], best.weight)
+            best = _solve(a, z, y, common, least)
+            found = self._spread(runs, tables, best, z)
+            if any(b.instruments for b in runs):
+                found = _reaching(found, best, a, z, y)
+        values = dict(zip(self.names, (best.values + start).tolist()))
+        solved = Solved(
+            {**self.held, **values}, self.names, found.covariance, found.degrees,
+            independent=found.independent,
+        )  # fmt: skip
+        x = self._bounded(a, best.values, start)
+        within = {**self.held, **dict(zip(self.names, (x + start).tolist()))}
+        cuts = np.cumsum([b.target.size for b in runs])[:-1]
+        return Regression(
+            solved, within, np.split(y - a @ x, cuts), best.scale, best.limit, found,
+            instrumented, rise.speed,
+        )  # fmt: skip
+
+    def _products(
+        self, runs: Sequence[Balance], noises: Sequence[Sequence[Columns]], weight: FloatArray
+    ) -> FloatArray:
+        """Sums of the products of what noise adds to the columns, shape ``(p, p)``."""
+        p = len(self.names)
+        total, first = np.zeros((p, p)), 0
+        for b, parts in zip(runs, noises):
+            own = weight[first : first + b.target.size]
+            first += b.target.size
+            for part in parts:
+                table = _stack(b, self.names, part)
+                total += (own[:, None] * table).T @ table
+        return total
+
+    def _bounded(self, a: FloatArray, x: FloatArray, start: FloatArray) -> FloatArray:
+        """The solution within the limits, shape ``(p,)``; equal limits hold an unknown."""
+        from scipy.optimize import lsq_linear
+
+        ends = [self.limits.get(n, (-np.inf, np.inf)) for n in self.names]
+        low, high = (np.array(e) - start for e in zip(*ends))
+        if not np.any((x < low) | (x > high)):
+            return x
+        scale = _lengths(a)
+        root = np.asarray(np.linalg.qr(a / scale, mode="r"))
+        y, low, high = root @ (scale * x), low * scale, high * scale
+        free = low < high
+        out = np.where(free, 0.0, low)
+        if free.any():
+            rest = y - root[:, ~free] @ out[~free]
+            out[free] = lsq_linear(root[:, free], rest, (low[free], high[free]), method="bvls").x
+        return np.asarray(out / scale)
+
+    def _spread(
+        self,
+        runs: Sequence[Balance],
+        tables: Sequence[tuple[FloatArray, FloatArray]],
+        best: _Robust,
+        z: FloatArray,
+    ) -> Uncertainty:
+        """Covariance: of autocorrelated noise, and no less than the scores scatter.
+
+        Noise may be larger where it matters more: about reversals, or in a steep Stribeck term.
+        """
+        cuts = np.cumsum([b.target.size for b in runs])[:-1]
+        jacobian = _equivalent(runs, np.split(best.weight[:, None] * z, cuts), best.inverse)
+        sets = [
+            [self._rest(e, best) for e in sources]
+            for sources in zip(*(b.evidence or (Evidence(b.columns, b.target),) for b in runs))
+        ]
+        scattered = score_covariance(jacobian, sets[0], [[slice(0, r.size)] for r in sets[0]])
+        return _largest([*(self._covariance(runs, jacobian, r) for r in sets), scattered])
+
+    def _rest(self, evidence: Evidence, best: _Robust) -> FloatArray:
+        """Residuals of evidence, shape ``(m,)``, without what has no weight."""
+        a, y = self._table(evidence)
+        rest = y - a @ best.values
+        end = max(SPIKE * 1.4826 * float(np.median(np.abs(rest))) if rest.size else 0.0, best.limit)
+        return np.where(np.abs(rest) > end, 0.0, rest)
+
+    def _covariance(
+        self, runs: Sequence[Balance], jacobian: Sequence[FloatArray], rests: Sequence[FloatArray]
+    ) -> Uncertainty:
+        """Covariance from residuals over whole stretches of samples, and their correlation."""
+        columns, series, readings = [], [], []
+        for b, j, r in zip(runs, jacobian, rests):
+            at = b.support
+            cuts = _stretches(at)
+            columns += [part for part in np.split(j, cuts) if part.size]
+            series += [part for part in np.split(r, cuts) if part.size]
+            if b.reading is not None:
+                readings += [(p, b.step) for p in np.split(b.reading[at], cuts) if p.size]
+        timed = all(b.timed for b in runs)
+        return covariance(columns, series, robust=timed, small_sample=True, readings=readings)
+
+
+def _stack(balance: Balance, names: Sequence[str], columns: Columns) -> FloatArray:
+    """Columns by name, zero where there is none, shape ``(n, p)``."""
+    nothing = np.zeros(balance.target.size)
+    return np.column_stack([columns.get(n, nothing) for n in names])
+
+
+def _lengths(columns: FloatArray) -> FloatArray:
+    """Norm of every column, 1 where it is zero."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size == 0.0, 1.0, size)
+
+
+def _invert(matrix: FloatArray) -> FloatArray:
+    """Inverse of a matrix of unknowns in any units."""
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-13)
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def _solve(
+    a: FloatArray,
+    z: FloatArray,
+    y: FloatArray,
+    common: FloatArray,
+    least: tuple[float, float],
+) -> _Robust:
+    """Values by iterated reweighting [2]_; ``least`` are scale and limit of the residuals."""
+    own = 1.0 / np.maximum(np.diag(_invert(z.T @ z)), 1e-300)
+    share = float(np.max(np.diag(common) / np.maximum(_MOST * own, 1e-300), initial=1.0))
+    common = common / share  # where noise is most of a column no arithmetic helps: it is said
+    weight, x, scale, limit = np.ones(y.size), np.zeros(a.shape[1]), 0.0, np.inf
+    inverse = np.zeros((x.size, x.size))
+    norm = _lengths(a)
+    for _ in range(30):
+        weighted = weight[:, None] * z
+        inverse = _invert(weighted.T @ a - common)
+        now = inverse @ (weighted.T @ y)
+        now = now + inverse @ (weighted.T @ (y - a @ now) + common @ now)  # what rounding left
+        size = np.abs(y - a @ now)
+        scale = max(1.4826 * float(np.median(size)), least[0])
+        limit = max(SPIKE * scale, least[1])
+        done = np.all(np.abs(now - x) <= 1e-10 * (np.abs(now) + scale / norm))
+        x = now
+        fresh = np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300))
+        fresh[size > limit] = 0.0
+        if done or np.array_equal(fresh, weight):
+            break
+        weight = fresh
+    return _Robust(x, inverse, weight, scale, limit)
+
+
+def _equivalent(
+    runs: Sequence[Balance], instruments: Sequence[FloatArray], inverse: FloatArray
+) -> list[FloatArray]:
+    """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per run."""
+    spread = [b.spread(z) for b, z in zip(runs, instruments)]
+    gains = np.vstack(spread) @ inverse.T
+    size = _lengths(gains)
+    gains = gains / size
+    jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
+    return np.split(jacobian, np.cumsum([z.shape[0] for z in spread])[:-1])
+
+
+def _largest(found: Sequence[Uncertainty]) -> Uncertainty:
+    """The first uncertainty with the largest variances of all."""
+    most = np.max([np.diag(u.covariance) for u in found], axis=0)
+    first = found[0]
+    return replace(
+        first,
+        covariance=enlarge(first.covariance, most),
+        degrees=min(u.degrees for u in found),
+        order=max(u.order for u in found),
+        independent=min(u.independent for u in found),
+    )
+
+
+def _stretches(at: BoolArray) -> list[int]:
+    """Where one stroke ends and another begins, as indices into the chosen samples.
+
+    Remnants of fewer than 20 samples stay with the stretch before them.
+    """
+    index = np.flatnonzero(at)
+    out: list[int] = []
+    for cut in (np.flatnonzero(np.diff(index) > 1) + 1).tolist():
+        if cut - (out[-1] if out else 0) >= 20 and index.size - cut >= 20:
+            out.append(cut)
+    return out
+
+
+def _reaching(
+    found: Uncertainty, best: _Robust, a: FloatArray, z: FloatArray, y: FloatArray
+) -> Uncertainty:
+    """No less than what instruments that say little leave open; infinite where they are weak.
+
+    With ``x`` the projected column beside all others, ``e`` what the projection left of the column
+    and ``r`` the residual, a value ``d`` off is possible where
+    ``d^2 (x'x)^2 <= t^2 var(x'(r - d e))`` [3]_.
+    """
+    root = np.sqrt(best.weight)[:, None]
+    columns, residual = root * a, root[:, 0] * (y - a @ best.values)
+    size = _lengths(z)
+    projected = root * z / size @ np.linalg.lstsq(root * z / size, columns, rcond=1e-12)[0]
+    t = t_quantile(0.975, found.degrees)
+    variances = np.zeros(a.shape[1])
+    for k in range(a.shape[1]):
+        others = np.delete(projected, k, axis=1)
+        others = others / _lengths(others)
+        own = projected[:, k] - others @ np.linalg.lstsq(others, projected[:, k], rcond=1e-12)[0]
+        left = columns[:, k] - projected[:, k]
+        reach = _reach(own, left, residual, float(found.covariance[k, k]), t)
+        variances[k] = reach**2 / t**2
+    return replace(found, covariance=enlarge(found.covariance, variances))
+
+
+def _reach(
+    own: FloatArray, left: FloatArray, residual: FloatArray, variance: float, t: float
+) -> float:
+    """Distance of the farther end of the values that are possible."""
+    x = float(own @ own)
+    if not x or not np.any(residual) or float(left @ left) <= 1e-18 * x:  # rounding
+        return 0.0
+
+    def of(series: FloatArray) -> float:
+        """Variance of its product with the instrument."""
+        rows = [slice(0, series.size)]
+        found = score_covariance([own[:, None]], [series], [rows]).covariance
+        return x**2 * float(found[0, 0])
+
+    scale = float(np.linalg.norm(residual) / np.linalg.norm(left))
+    alone, ee = of(residual / scale), of(left)
+    re = 0.5 * (of(residual / scale + left) - alone - ee) * scale
+    rr = max(alone * scale**2, variance * x**2)
+    if x**2 <= max(_WEAK, t**2) * ee:
+        return np.inf
+    rr, re, ee = t**2 * rr, t**2 * re, t**2 * ee
+    return (abs(re) + float(np.sqrt(re**2 + (x**2 - ee) * rr))) / (x**2 - ee)
