@@ -61,7 +61,7 @@ def significant(values: Any, digits: int) -> FloatArray:
     return np.array([float(f"{x:.{digits}g}") for x in values.flat]).reshape(values.shape)
 
 
-def round_numbers(tree: Any, digits: int = 8) -> Any:
+def round_numbers(tree: Any, digits: int = 10) -> Any:
     """Return plain data (mappings, lists, numbers, text) with all floats rounded."""
     if isinstance(tree, float):
         return float(f"{tree:.{digits}g}")
