@@ -59,7 +59,10 @@ def test_names_of_files_go_to_standard_output(
 def test_json_is_the_document_that_the_fit_prints(inside: Path, here: Run, valve: Any) -> None:
     printed = json.loads(here("valve", valve(), "-o", "fit.yaml", "--json").out)
     assert here("export", "fit.yaml", "--to", "json").out == "fit.json\n"
-    assert json.loads((inside / "fit.json").read_text(encoding="ascii")) == printed
+    exported = json.loads((inside / "fit.json").read_text(encoding="ascii"))
+    # the file keeps the short ones of the details that are printed
+    assert exported["fit"].pop("details").items() <= printed["fit"].pop("details").items()
+    assert exported == printed
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_spikes_do_not_pull_and_are_counted() -> None:
     y = 2.0 * x + 1.0 + 0.1 * rng.standard_normal(N)
     y[::50] += 100.0
     found = solve({"slope": x, "level": np.ones(N)}, y)
-    assert found.spikes == 8
+    assert found.spikes() == 8
     for name, value in (("slope", 2.0), ("level", 1.0)):
         assert found.free.values[name] == pytest.approx(value, abs=4.0 * found.free.std_error(name))
     # a hundredth of the samples says nothing, and no more is lost
@@ -96,7 +96,7 @@ def test_normal_errors_are_solved_by_least_squares() -> None:
     x = rng.standard_normal(N)
     y = 2.0 * x + 0.1 * rng.standard_normal(N)
     found = solve({"slope": x}, y)
-    assert found.spikes == 0
+    assert found.spikes() == 0
     assert found.values["slope"] == pytest.approx(float(x @ y / (x @ x)), rel=1e-6)
 
 

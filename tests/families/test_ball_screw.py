@@ -119,7 +119,7 @@ def test_a_static_level_that_nothing_shows_is_written_as_the_kinetic_one() -> No
     for side in ("positive", "negative"):
         level, kinetic = (found.parameters[f"{n}_{side}"] for n in ("breakaway", "coulomb"))
         assert level.status == "not_identified"
-        assert level.value == kinetic.value
+        assert level.value == pytest.approx(kinetic.value, rel=1e-6)  # that one is rounded
     said = " ".join(n.message for n in found.notices)
     assert "breakaway_positive cannot be determined" in said
     assert "It is written as the kinetic level" in said
@@ -163,7 +163,8 @@ def test_a_static_level_lies_between_two_that_were_commanded(seed: int) -> None:
         q = found.parameters[name]
         commanded = np.append(sign * log["torque"], found.parameters[f"coulomb_{name[10:]}"].value)
         for end in q.ci95:
-            assert np.abs(commanded - end).min() < 1e-12
+            # the bracket is written to four digits beyond its error
+            assert np.abs(commanded - end).min() < 1e-4 * q.std_error
         assert q.ci95[0] < DRIVE[name] < q.ci95[1]
         assert q.std_error == pytest.approx((q.ci95[1] - q.ci95[0]) / np.sqrt(12.0))
 

@@ -27,6 +27,7 @@ from ..experiment import BoolArray, FloatArray
 from ..rows import blocks, by_rows, square_sum
 from .minimise import Minimum, minimise
 from .motion_state import running_median
+from .price import exhausted, simulated
 from .uncertainty import Uncertainty, covariance, enlarge, middle_of
 
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
@@ -122,11 +123,13 @@ def fit_map(
     parts, roots = list(blocks(rows.y.size)), np.sqrt(rows.count)
 
     def evaluate(theta: FloatArray) -> _Point:
+        simulated(rows.y.size)
         return _Point(
             theta, [roots[at] * (rows.y[at] - model.value(theta, rows.x[at])) for at in parts]
         )
 
     def normal(point: _Point) -> tuple[FloatArray, FloatArray]:
+        simulated(rows.y.size)  # all derivatives come together
         gradient, curvature = np.zeros(point.theta.size), np.zeros(2 * point.theta.shape)
         for at, r in zip(parts, point.residuals):
             j = model.slopes(point.theta, rows.x[at]) * roots[at, None]
@@ -140,7 +143,11 @@ def fit_map(
             max_iterations=80,
         )  # fmt: skip
 
-    found = sorted(map(solve, starts), key=lambda m: m.point.cost)
+    found: list[Minimum[_Point]] = []
+    for start in starts:
+        if not found or not exhausted():
+            found.append(solve(start))
+    found.sort(key=lambda m: m.point.cost)
     best, (low, high) = found[0], model.bounds
     agreeing = sum(m.point.cost <= best.point.cost * (1.0 + 1e-6) + 1e-300 for m in found)
     return MapFit(

@@ -192,7 +192,8 @@ def make_solution(
         As of :class:`Solution`.
     jacobians
         Derivatives of the channels of every run that the estimator has at hand, over all samples
-        or over those used. Without them those of the output are differences of simulations.
+        or over those used, shape ``(n, p)`` each [unit of the channel per unit of the value].
+        Without them those of the output are differences of simulations.
     represented
         Simulates with what stands in for noisy inputs in their place, for instruments.
     """
