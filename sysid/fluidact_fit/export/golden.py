@@ -6,7 +6,7 @@ by one per cent the output is off by more than the self-test allows, or the flag
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,7 @@ from .excitation import (
     sequences,
     uniform,
 )
-from .mutants import mutants_of
+from .mutants import Mutant, mutants_of
 from .rounding import robust
 
 Tolerance = Callable[[Routine, FloatArray], float]
@@ -37,6 +37,8 @@ _PROBE = 400  # among which edges are looked for
 _TRIES = 3  # places at which ends of ranges are looked at
 _POOL = 2000  # arguments to choose from
 _SEQUENCES = 64  # or sequences
+_MORE = 2000  # sequences among which what no other shows is looked for
+_RARE = 20  # of them are taken for each
 _CALLS = 24  # of a sequence, beside what a dead time takes
 _INTERRUPTED = 24  # of them, of a careful routine, by a call with nothing to compute from
 _PLAIN = 6  # vectors of a static routine that are drawn whatever they show
@@ -92,6 +94,9 @@ def golden(
     fine = _usable(quick, pool)
     pool, wanted = pool[:, fine], int(fine[:count].sum())
     allowed = tolerance(quick, pool)
+    if routine.keeps and (more := _rare(quick, pool, allowed, rng, rounded)).size:
+        pool = np.concatenate([pool, more], axis=1)
+        allowed = max(allowed, tolerance(quick, more))
     chosen = pool[:, _chosen(quick, pool, allowed, wanted)]
     rest = dead_time(routine) - dead_time(quick)
     if rest:  # until the last output has come
@@ -134,6 +139,26 @@ def _pool(
     return rounded(np.concatenate([found, late_edges], axis=1)), 1
 
 
+def _rare(
+    routine: Routine, pool: FloatArray, allowed: float, rng: np.random.Generator, rounded: Rounded
+) -> FloatArray:
+    """Sequences that show what none of the pool does, such as a speed that only a jump tells of.
+
+    Where the output rests at a limit most of the time, few of all sequences show it.
+    """
+    hidden = [m for m, s in zip(mutants_of(routine), _shows(routine, pool, allowed)) if not s.any()]
+    if not hidden:
+        return pool[:, :0]
+    more = rounded(sequences(routine, len(pool), _MORE, rng, pool[:0, 0]))
+    seen = _shows(routine, more, allowed, hidden)
+    places = np.unique([k for s in seen for k in np.flatnonzero(s)[:_RARE]]).astype(int)
+    more = more[:, places]
+    if not places.size:
+        return more
+    fine = robust(routine, more) & np.isfinite(run(routine, more)[0]).all(axis=0)
+    return more[:, fine]
+
+
 def _with_nan(rows: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The rows, and one more for each argument, which is no number there."""
     more = rows[rng.choice(len(rows), rows.shape[1])]
@@ -154,13 +179,19 @@ def _ends(routine: Routine, rng: np.random.Generator, tries: int) -> FloatArray:
 
 def _chosen(routine: Routine, pool: FloatArray, allowed: float, wanted: int) -> list[int]:
     """Places in the pool that together tell every mutant from the routine, if any can."""
+    shows = list(_shows(routine, pool, allowed))
+    return cover(shows, wanted, _MOST_SEQUENCES if len(pool) > 1 else _MOST + wanted)
+
+
+def _shows(
+    routine: Routine, pool: FloatArray, allowed: float, mutants: Sequence[Mutant] | None = None
+) -> Iterator[Any]:
+    """For each mutant the places in the pool that tell it from the routine, ``(n,)``."""
     outputs, outside = run(routine, pool)
-    shows = []
-    for mutant in mutants_of(routine):
+    for mutant in mutants_of(routine) if mutants is None else mutants:
         other, flags = run(mutant.routine, pool)
         off = ~(np.abs(other - outputs) <= _CLEAR * allowed) | (flags != outside)
-        shows.append(off.any(axis=0))
-    return cover(shows, wanted, _MOST_SEQUENCES if len(pool) > 1 else _MOST + wanted)
+        yield off.any(axis=0)
 
 
 def cover(shows: Sequence[Any], wanted: int, most: int) -> list[int]:
