@@ -186,7 +186,8 @@ def solve_gray_box(
     is guessed from the measured signals if left out.
 
     Noise of the pressures may put a piston that sticks beyond its friction; it then slips in the
-    simulation, and no small step of the search brings it back. Rest is therefore tried as well.
+    simulation, and no small step of the search brings it back, from whatever speed it has come to
+    by then. Rest is therefore tried as well, at first and at the end.
 
     Raises
     ------
@@ -200,6 +201,11 @@ def solve_gray_box(
     found = min((_descend(s, max_iterations) for s in starts), key=lambda s: s.cost)
     if not np.isfinite(found.cost):
         raise np.linalg.LinAlgError("the simulation leaves every measured range")
+    rested = _rested(problem, found.initial)
+    if max_iterations and any(a[3] != b[3] for a, b in zip(rested, found.initial)):
+        other = _descend(_Point(problem, found.values, rested), max_iterations)
+        other = replace(other, iterations=found.iterations + other.iterations)
+        found = min((found, other), key=lambda s: s.cost)
     return found
 
 
