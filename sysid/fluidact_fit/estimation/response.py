@@ -172,12 +172,16 @@ class ResponseModel(ABC, Generic[T]):
         Whether samples far off count less, by Huber's weights.
     allows_for_input_noise
         Whether the estimate takes noise of measured inputs into account.
+    reach
+        Times as long as an excerpt is the part of a long log that its samples are spread over. A
+        dead time needs a long one, an output that adds up what the start is wrong by a short one.
     """
 
     gain: ClassVar[str | None] = None
     common_offset: ClassVar[bool] = True
     robust: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
+    reach: ClassVar[int] = _REACH
 
     @abstractmethod
     def plan(self, experiments: Sequence[Experiment], request: Request[T]) -> Plan:
@@ -336,7 +340,7 @@ class ResponseFit(Generic[T]):
 
     def run(self) -> Response[T]:
         """Fit, from a search for starts to the judgement of rivals."""
-        few = excerpt(self.experiments, self.output, _EXCERPT, _REACH)
+        few = excerpt(self.experiments, self.output, _EXCERPT, self.model.reach)
         self.request.progress("searching for a start")
         begin = self._begin(few)
         problem, search = self._search(few, begin)

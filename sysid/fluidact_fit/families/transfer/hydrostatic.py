@@ -99,6 +99,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     )  # fmt: skip
     options_type = HydrostaticOptions
     dead_zone = True
+    reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 
     @staticmethod
     def realise(values: Values) -> tuple[Any, Any, Any]:
