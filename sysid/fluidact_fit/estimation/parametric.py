@@ -152,6 +152,7 @@ def fit_named(
     sensible: Mapping[str, float] | None = None,
     idle: Mapping[str, float] | None = None,
     part: NamedModel | None = None,
+    again: Sequence[Mapping[str, float]] = (),
 ) -> Fitted:
     """Fit a named model and refuse what the data do not determine.
 
@@ -171,14 +172,18 @@ def fit_named(
         zone at the largest input. One that is not better than that by far is refused.
     part
         The same model of part of long logs. What that decides, the whole would decide as well.
+    again
+        Where to begin as well once something is refused: a search may have dragged the others
+        along with that.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
     fixed = {n: float(request.fixed[n]) for n in every if n in request.fixed}
-    begin = [{**s, **request.start} for s in starts]
+    known = {*fixed, *(r.parameter for r in refusals)}
 
     def solve_with(held: Mapping[str, float]) -> _Attempt:
-        return _attempt(model, unknowns, held, begin)
+        some = starts if known.issuperset(held) else (*starts, *again)
+        return _attempt(model, unknowns, held, [{**s, **request.start} for s in some])
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         silent = _without_effect(attempt, unknowns, by_name, idle or {}, part)

@@ -343,8 +343,8 @@ class ResponseFit(Generic[T]):
         few = excerpt(self.experiments, self.output, _EXCERPT, self.model.reach)
         self.request.progress("searching for a start")
         begin = self._begin(few)
-        problem, search = self._search(few, begin)
-        search = self._look_elsewhere(problem, search)
+        problem, starts = self.problem(few, begin), self._starts(few, begin)
+        search = self._look_elsewhere(problem, self._search(problem, starts))
         # some rivals are the best one again, not quite settled
         optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
         places = [self._values(problem, eta) for eta in optima]
@@ -358,10 +358,10 @@ class ResponseFit(Generic[T]):
                 # everything would be followed by others
                 ends = self._closer(self.named(self._part(_LONGER), begin), ends)
         self.request.progress("fitting")
-        fitted, model, begin = self._fit(ends, part, begin)
+        fitted, model, begin = self._fit(ends, part, begin, starts)
         chosen, values, said = self._examine_offset(fitted, model, begin)
         if chosen != begin:
-            fitted, model, begin = self._fit([values], part, chosen)
+            fitted, model, begin = self._fit([values], part, chosen, starts)
         fitted = replace(fitted, notices=[*fitted.notices, *said])
         if self._are_very_long:
             part = self.named(self._part(_LONGER), begin)
@@ -384,11 +384,13 @@ class ResponseFit(Generic[T]):
         found = solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
         return [self._values(problem, found.best.eta)]
 
-    def _search(self, some: Sequence[Experiment], begin: Beginning) -> tuple[Problem, Search]:
+    def _starts(self, some: Sequence[Experiment], begin: Beginning) -> list[dict[str, float]]:
+        """Where to begin; what the user says of it wins."""
+        return [{**s, **self.request.start} for s in self.model.starts(self, some, begin)]
+
+    def _search(self, problem: Problem, starts: Sequence[Mapping[str, float]]) -> Search:
         """Solve roughly from every start."""
-        problem = self.problem(some, begin)
-        starts = [{**s, **self.request.start} for s in self.model.starts(self, some, begin)]
-        return problem, solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+        return solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
 
     def _look_elsewhere(self, problem: Problem, search: Search) -> Search:
         """Search again where the family knows of rivals, as long as better ones are found there.
@@ -417,15 +419,18 @@ class ResponseFit(Generic[T]):
         return search
 
     def _fit(
-        self, ends: Sequence[Mapping[str, float]], part: NamedModel | None, begin: Beginning
-    ) -> tuple[Fitted, NamedModel, Beginning]:
+        self, ends: Sequence[Mapping[str, float]], part: NamedModel | None, begin: Beginning,
+        starts: Sequence[Mapping[str, float]],
+    ) -> tuple[Fitted, NamedModel, Beginning]:  # fmt: skip
         """Fit everything, until what answers to the time before the runs is left out."""
         searched = self.plan.searched
+        # long logs are begun near their end, or every step takes too long
+        again = starts if sum(e.samples for e in self.experiments) <= _MANY else ()
         for _ in range(_ROUNDS):
             model = self._weighed(self.named(self.experiments, begin), ends)
             fitted = fit_named(
                 model, self.variant.parameters, self.request, self.unknowns, ends, part=part,
-                refusals=self.plan.refusals,
+                again=again, refusals=self.plan.refusals,
                 sensible={s.name: s.sensible for s in searched if s.sensible is not None},
                 idle={s.name: s.idle for s in searched if s.idle is not None},
             )  # fmt: skip
@@ -465,7 +470,9 @@ class ResponseFit(Generic[T]):
             return False
         scores = []
         for rest in (True, False):
-            problem, search = self._search(few, replace(begin, rest=rest))
+            own = replace(begin, rest=rest)
+            problem = self.problem(few, own)
+            search = self._search(problem, self._starts(few, own))
             count = sum(search.best.local_counts) + len(problem.nonlinear)
             rows = problem.rows
             scores.append(rows * np.log(max(search.best.cost, 1e-300)) + count * np.log(rows))
