@@ -198,12 +198,14 @@ class Instrumented:
     ----------
     instruments
         Derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)`` each.
-        A further column is represented by its mean over rows before and after that share no
-        sample with it.
+    stand_ins
+        The further column likewise, shape ``(n_i,)``. Without them it is represented by its mean
+        over rows before and after that share no sample with it.
     """
 
     augmented: AugmentedJacobian
     instruments: Sequence[FloatArray]
+    stand_ins: Sequence[FloatArray] = ()
 
     def triangle(self, columns: Sequence[FloatArray]) -> None:
         """Nothing: several directions at once would be those of the noise."""
@@ -212,7 +214,7 @@ class Instrumented:
     def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
         """As of :class:`NoiseTreatment`."""
         table = _with_columns(self.augmented, columns)
-        aside = [_aside(c) for c in columns]
+        aside = self.stand_ins or [_aside(c) for c in columns]
         represented = _with_columns(self.augmented, aside, self.instruments)
         if not table.finite or not represented.finite:
             return None

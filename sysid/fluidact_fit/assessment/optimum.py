@@ -169,9 +169,17 @@ class Optimum:
             jacobians=[j[:n] for j, n in zip(self.jacobians, counts, strict=True)],
         )
 
-    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
-        """Regress the residual on the derivatives and one more column of every series."""
-        return self.noise.regress(columns)
+    def regress(
+        self, columns: Sequence[FloatArray], stand_ins: Sequence[FloatArray] = ()
+    ) -> Regression | None:
+        """Regress the residual on the derivatives and one more column of every series.
+
+        ``stand_ins`` are that column without noise of inputs, where that is known.
+        """
+        noise = self.noise
+        if isinstance(noise, Instrumented):
+            noise = replace(noise, stand_ins=stand_ins)
+        return noise.regress(columns)
 
     @cached_property
     def noise(self) -> NoiseTreatment:
@@ -238,11 +246,17 @@ class Optimum:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         return number(self.plant, name)
 
-    def slopes(self, plant: Plant[FamilyOptions], name: str) -> list[FloatArray] | None:
+    def slopes(
+        self, plant: Plant[FamilyOptions], name: str
+    ) -> tuple[list[FloatArray], list[FloatArray]] | None:
         """Derivatives of every series by a value of a plant, as the residuals are.
 
         Over a step that changes the output by part of the residual: a smaller one drowns in
         rounding, a larger one is no derivative. ``None`` where the output does not change.
+
+        Returns
+        -------
+        The derivatives, and those with what stands in for noisy inputs where a fit has that.
         """
         timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
         step = _LATE * self.experiments[0].sample_time if timed else 1e-3 * (abs(value) or 1.0)
@@ -256,7 +270,18 @@ class Optimum:
             factor = _PART * self.sigma / size
             if timed or 0.5 < factor < 2.0:
                 break  # the first steps may say nothing but rounding
-        return [c / step for c in columns]
+        aside = self._represented(moved(plant, name, step))
+        return [c / step for c in columns], [c / step for c in aside]
+
+    def _represented(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
+        """What slightly other values add to the model with what stands in for noisy inputs."""
+        simulate = self.solution.noise.represented
+        if simulate is None or not self.instruments:
+            return []
+        then, now = (simulate(p, self.experiments) for p in (plant, self.plant))
+        return self.columns([
+            _channel(then[s.run], s.role) - _channel(now[s.run], s.role) for s in self.series
+        ])  # fmt: skip
 
     def unit(self, name: str) -> str:
         """Unit of a parameter as it follows its value in a text."""

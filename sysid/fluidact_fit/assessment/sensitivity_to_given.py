@@ -104,9 +104,9 @@ def _finite(entry: dict[str, Any]) -> dict[str, Any]:
 def _dependences(at: Optimum, held: str) -> list[dict[str, Any]]:
     """Every parameter that would leave its interval for a possible value of the held one."""
     spec, value = at.variant.parameter(held), at.number(held)
-    columns = at.slopes(at.plant, held)
-    found = at.regress(columns) if columns is not None else None
-    if found is None or not any(map(np.any, columns or ())):
+    columns, aside = at.slopes(at.plant, held) or ((), ())
+    found = at.regress(columns, aside) if columns else None
+    if found is None or not any(map(np.any, columns)):
         return []
     ends = value + found.size + 2.0 * found.error * np.array([-1.0, 1.0])
     low, high = (float(x) for x in np.clip(ends, spec.minimum, spec.maximum))

@@ -60,6 +60,8 @@ class Term:
         What a size would mean (what follows "the data fit better if"), and what to do.
     columns
         Directions of every series per unit of the size, as the residuals are, ``(n_i,)``.
+    stand_ins
+        The same without noise of inputs, where that is known.
     offered
         Whether it is a parameter of the family, which is named first.
     most
@@ -83,6 +85,7 @@ class Term:
     least: float = policy.LEAST
     chosen: int = 1
     positive: bool = False
+    stand_ins: Sequence[FloatArray] = ()
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -166,15 +169,16 @@ def _parameters(at: Optimum) -> Iterator[Term]:
         if known is not None and known.status == "not_identified":
             continue  # its parts are no better known
         value = known.number if known is not None else spec.neutral or 0.0
-        columns = at.slopes(replace(at.plant, values={**at.plant.values, name: value}), name)
-        if columns is None:
+        slopes = at.slopes(replace(at.plant, values={**at.plant.values, name: value}), name)
+        if slopes is None:
             continue
+        columns, aside = slopes
         option = f"another --fix {name}=VALUE"
         if name in freed:
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
         apart = spec.general and name not in table
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
-        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True)
+        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True, stand_ins=aside)
 
 
 def _effects(at: Optimum) -> Iterator[Term]:

@@ -52,6 +52,8 @@ class NoiseModel:
         Derivatives of the output with what stands in for noisy inputs in their place, per run as
         the Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. The
         noise of such an input is in the residual and in every derivative alike, but not in these.
+    represented
+        What simulates with such stand-ins, as :attr:`Solution.simulate_near` does without.
     """
 
     covariance: FloatArray
@@ -59,6 +61,7 @@ class NoiseModel:
     independent: float = np.inf
     inputs: Mapping[str, NoiseLevel] = field(default_factory=dict)
     instruments: Sequence[FloatArray] = ()
+    represented: Simulate | None = None
 
 
 @dataclass(frozen=True)
@@ -215,7 +218,7 @@ def make_solution(
             tables = differences(near, plant, runs, names, noise.covariance)
             if represented is not None:
                 aside = differences(represented, plant, runs, names, noise.covariance)
-                noise = replace(noise, instruments=aside)
+                noise = replace(noise, instruments=aside, represented=represented)
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
         variant, parameters, names, runs, noise, options, near, minimised, derived,
