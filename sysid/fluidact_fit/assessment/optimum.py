@@ -275,8 +275,8 @@ class Optimum:
 
     def _represented(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
         """What slightly other values add to the model with what stands in for noisy inputs."""
-        simulate = self.solution.noise.represented
-        if simulate is None or not self.instruments:
+        simulate = self.solution.noise.represented if self.instruments else None
+        if simulate is None:
             return []
         then, now = (simulate(p, self.experiments) for p in (plant, self.plant))
         return self.columns([
