@@ -166,7 +166,7 @@ def test_a_static_level_lies_between_two_that_were_commanded(seed: int) -> None:
             # the bracket is written to four digits beyond its error
             assert np.abs(commanded - end).min() < 1e-4 * q.std_error
         assert q.ci95[0] < DRIVE[name] < q.ci95[1]
-        assert q.std_error == pytest.approx((q.ci95[1] - q.ci95[0]) / np.sqrt(12.0))
+        assert q.std_error == pytest.approx((q.ci95[1] - q.ci95[0]) / np.sqrt(12.0), rel=1e-4)
 
 
 def test_a_bad_start_does_not_hide_the_static_levels() -> None:
