@@ -289,15 +289,6 @@ def side_by_side(*columns: Array) -> Array:
     return np.concatenate([x.T if x.ndim > 1 else x[None] for x in columns]).T
 
 
-def column_means(table: FloatArray) -> FloatArray:
-    """Mean of every column, shape ``(c,)`` for ``(n, c)``, or of values ``(n,)``.
-
-    Products with ones take a tenth of the time of sums down the columns of a thin table.
-    """
-    sums = sum(np.ones(len(part)) @ part for part in (table[at] for at in blocks(len(table))))
-    return np.asarray(sums / len(table))
-
-
 def upper_quantile(parts: Sequence[FloatArray], share: float) -> float:
     """Quantile of all values of some records, shape ``(n_i,)``, of which few lie above it.
 

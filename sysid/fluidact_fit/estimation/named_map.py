@@ -26,6 +26,7 @@ from .map import (
     find_uncertainty,
     fit_map,
 )
+from .problem import STEP
 from .results import Refusal, Solved, determine, left_open
 
 Law = Callable[[Mapping[str, Any], FloatArray], Array]
@@ -60,11 +61,11 @@ class NamedMap:
 
     def slopes(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         """Derivatives by the free values."""
-        step, out = 1e-30, np.zeros((x.shape[0], theta.size), order="F")
+        out = np.zeros((x.shape[0], theta.size), order="F")
         for k in range(theta.size):
             moved = theta.astype(complex)
-            moved[k] += 1j * step
-            out[:, k] = np.imag(self.law(self.values(moved), x)) / step
+            moved[k] += 1j * STEP
+            out[:, k] = np.imag(self.law(self.values(moved), x)) / STEP
         return out
 
 

@@ -16,6 +16,7 @@ from ..errors import Notice, NotIdentifiedError
 from ..experiment import FloatArray
 from ..specification import ParameterSpec, Quantity
 from ..units import after_number
+from .problem import STEP
 from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
@@ -205,11 +206,10 @@ class Solved:
 
         ``function`` is analytic in its values; its gradient is taken by complex steps.
         """
-        step = 1e-30
         rows = {}
         for name in self.names:
-            moved = {**self.values, name: self.values[name] + 1j * step}
-            rows[name] = {k: float(np.imag(v)) / step for k, v in function(moved).items()}
+            moved = {**self.values, name: self.values[name] + 1j * STEP}
+            rows[name] = {k: float(np.imag(v)) / STEP for k, v in function(moved).items()}
         out = {}
         for key, value in function(self.values).items():
             gradient = np.array([rows[n].get(key, 0.0) for n in self.names])

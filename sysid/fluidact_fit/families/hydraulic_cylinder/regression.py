@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import LogError, Notice
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
-from ...estimation.problem import Basis, Unknown
+from ...estimation.problem import STEP, Basis, Unknown
 from ...estimation.regression import Balance, Estimator, LinearBalance, Regression
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import STRIBECK
@@ -146,7 +146,7 @@ def directional_gains(case: Case, values: Values) -> dict[str, Quantity]:
 def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | None:
     """One Gauss-Newton step from the common gain, to which the flow is nearly proportional."""
     name = f"valve_gain_{chamber}"
-    moved = {**values, name: values[name] * (1.0 + 1e-30j)}
+    moved = {**values, name: values[name] * (1.0 + 1j * STEP)}
     residuals: list[FloatArray] = []
     slopes: list[FloatArray] = []
     for w in case.windows:
@@ -154,7 +154,7 @@ def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | N
         if w.chamber == chamber and chosen.any():
             model = w.modelled(moved, case.machine)[chosen]
             residuals.append(w.motion[chosen] - np.real(model))
-            slopes.append(np.imag(model) / 1e-30)
+            slopes.append(np.imag(model) / STEP)
     if sum(s.size for s in slopes) < 5 or not any(s.any() for s in slopes):
         return None
     share, error, degrees = _proportional(slopes, residuals)
