@@ -275,8 +275,8 @@ _JUDGEMENT = {
         "Check that it shows the same machine in the same state; leave it out or fit it alone.",
     ),
     "log-unused": _information(
-        "No sample of a log was fitted: it has none that the model describes.",
-        "Leave the log out, or look at why (`fit.logs[].left_out`, dead bands, `--window`).",
+        "No sample of a log was fitted: the model describes none of them.",
+        "Leave the log out, or check why (`fit.logs[].left_out`, dead bands, `--window`).",
     ),
     "not-compared": _warning(
         "`check` could not fit the new logs, so only the simulation was compared with them.",
@@ -373,8 +373,8 @@ _FAMILIES = {
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
     ),
     "friction-at-low-speed": _warning(
-        "Logs that are too slow for the dead band hold another friction than the fit gives.",
-        "Use the law at the speeds of the fit only; record slow motion with less noise and give "
+        "Logs slower than the dead band show a different friction from that of the fit.",
+        "Use the law only at the speeds of the fit; record slow motion with less noise and give "
         "`--stribeck=estimate`.",
     ),
     "friction-shape": _warning(
@@ -390,7 +390,7 @@ _FAMILIES = {
         "Record logs with other values, or leave it out of `--inputs`.",
     ),
     "kept-monotone": _information(
-        "The best curve would reverse direction, insignificantly, and was kept from doing so.",
+        "The best curve would reverse direction, but not significantly, so it was kept monotone.",
         "Nothing; give `--no-monotone` for the free curve.",
     ),
     "logs-disagree": _warning(
@@ -410,7 +410,7 @@ _FAMILIES = {
         "Check the zero of the sensors; choose with `--offset none` or `--offset free`.",
     ),
     "one-direction": _warning(
-        "The input of a static map moves one way only: play, hysteresis and delays stay unseen.",
+        "The input of a static map moves one way only, so play, hysteresis and delays are hidden.",
         "Record strokes to and fro, in the order in which they were made.",
     ),
     "rails": _information(
@@ -434,9 +434,9 @@ _FAMILIES = {
         "Record more positions, or give fewer `--hidden` units.",
     ),
     "valve-hysteresis": _information(
-        "From a command, the friction levels of a spring cylinder are of valve and cylinder "
-        "together.",
-        "Record the pressure and fit with it where the friction of the cylinder alone is wanted.",
+        "Friction levels fitted from the command of a spring cylinder include the hysteresis of "
+        "its valve.",
+        "For the friction of the cylinder alone, record the pressure and fit with it.",
     ),
     "velocity-noise": _warning(
         "Much of the variance of the velocity is noise; the bias of viscous friction was removed.",

@@ -109,8 +109,8 @@ def _output_options(name: str) -> list[click.Parameter]:
                help="Picture of measured and simulated output: png, pdf or svg."),
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
         Option(["--details"], metavar="FILE.json", group=group,
-               help="Everything that the fit and its examination found, as JSON; the parameter "
-               "file has the short entries."),
+               help="All details of the fit and its examination as JSON; the parameter file "
+               "keeps those of one line."),
         flag("--json", "as_json", group=group,
              help="The parameter document as JSON on standard output, and nothing else. A file "
              "is then written only if -o names one."),

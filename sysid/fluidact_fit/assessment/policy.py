@@ -95,10 +95,13 @@ HALVES = _declare(
     1e-4, "probability of a difference that large between parts of the data, or channels",
     "tests/assessment/test_examinations.py: halves")
 HALVES_DIFFER = _declare(
-    "halves_differ", 0.02, "part of a parameter by which halves may differ", "as before")
+    "halves_differ",
+    0.02, "part of a parameter by which halves may differ",
+    "tests/assessment/test_examinations.py: halves")
 HALVES_KNOW = _declare(
     "halves_know",
-    0.04, "part of what is known of a parameter that each half has to know", "as before")
+    0.04, "part of what is known of a parameter that each half has to know",
+    "tests/assessment/test_examinations.py: halves")
 FEW = _declare(
     "few", 50, "samples that are too few to judge by", "Ljung-Box needs some tens")
 # residuals
@@ -137,10 +140,11 @@ STRUCTURED = _declare(
     "structured", 1e-3, "probability of a residual that is not white",
     "tests/test_outcome.py")
 TIMES_NOISE = _declare(
-    "times_noise", 3.0, "times the noise that a structured residual may be", "as before")
+    "times_noise", 3.0, "times the noise that a structured residual may be",
+    "tests/test_outcome.py")
 FIT_CLOSE = _declare(
-    "fit_close", 99.0, "fit [%] at which that no longer matters", "as before")
+    "fit_close", 99.0, "fit [%] at which that no longer matters", "tests/test_outcome.py")
 FIT_WEAK = _declare(
-    "fit_weak", 60.0, "fit [%] below which a fit is weak", "as before")
+    "fit_weak", 60.0, "fit [%] below which a fit is weak", "tests/test_outcome.py")
 FIT_POOR = _declare(
-    "fit_poor", 20.0, "fit [%] below which a fit has failed", "as before")
+    "fit_poor", 20.0, "fit [%] below which a fit has failed", "tests/test_outcome.py")

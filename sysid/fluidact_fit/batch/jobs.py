@@ -22,7 +22,7 @@ from .patterns import expand
 _KEYS = ("job", "family", "logs", "options")
 _NEEDED = _KEYS[:3]
 _LARGEST = 500_000_000  # bytes: a million jobs have some 100 MB
-_MOST_OPTIONS = 20_000  # characters: the time of taking words apart grows with their square
+_MOST_OPTIONS = 20_000  # characters; splitting takes time in proportion to their square
 _NAME = re.compile(r"[^\x00-\x1f\x7f/\\:*?\"<>|]{1,180}")
 # Windows keeps these names for devices, whatever follows a dot.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)

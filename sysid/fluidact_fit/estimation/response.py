@@ -555,7 +555,7 @@ class ResponseFit(Generic[T]):
     def _examine_offset(
         self, fitted: Fitted, model: NamedModel, begin: Beginning
     ) -> tuple[Beginning, dict[str, float], list[Notice]]:
-        """Compare the fit with one that has an offset where it has none, or the other way.
+        """Compare the fit with one without its offset, or with one where it has none.
 
         Runs at rest show their offset before they respond. Where it contradicts that of the fit,
         which then stands for what the model lacks, there is none, unless the user says so.
@@ -803,9 +803,9 @@ def fit_robustly(columns: FloatArray, values: FloatArray, limit: float | None) -
 
 
 def _is_quiet(values: FloatArray, count: int) -> bool:
-    """Whether the first so many values show nothing but noise; too few are quiet.
+    """Whether the first ``count`` values show only noise; fewer than three count as quiet.
 
-    Neither do they scatter more than that, nor do they lie on a slope.
+    They must neither scatter more than the noise nor lie on a slope.
     """
     early = values[:count]
     if early.size < 3:
