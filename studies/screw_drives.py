@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 import fluidact_fit as ff
-from fluidact_fit.experiment import Experiment
+from fluidact_fit.experiment import Experiment, FloatArray
 from fluidact_fit.logs import experiments
 from fluidact_fit.mechanics.friction_law import FrictionLaw
 
@@ -51,6 +51,13 @@ def runs_of(logs: Sequence[ff.Log]) -> list[Experiment]:
     return [run for log in logs for run in experiments(log, variant)[0]]
 
 
+def means_of(logs: Sequence[ff.Log]) -> tuple[FloatArray, FloatArray]:
+    """Mean speed [rad/s] and mean torque [N m] of every log, shape ``(n,)``."""
+    runs = runs_of(logs)
+    speeds = np.array([run["angular_velocity"].mean() for run in runs])
+    return speeds, np.array([run["torque"].mean() for run in runs])
+
+
 def at_mean_speeds(logs: Sequence[ff.Log], folder: Path) -> list[Path]:
     """The same logs with the mean of each velocity in place of its samples."""
     out = []
@@ -66,11 +73,16 @@ def at_mean_speeds(logs: Sequence[ff.Log], folder: Path) -> list[Path]:
 def misfit(result: ff.FitResult, logs: Sequence[ff.Log]) -> float:
     """Root mean square over the logs of what friction leaves of their mean torque [mN m]."""
     law = FrictionLaw.of({n: q.number for n, q in result.parameters.items()})
-    means = np.array(
-        [(run["angular_velocity"].mean(), run["torque"].mean()) for run in runs_of(logs)]
-    )
-    rest = means[:, 1] - law.moving(means[:, 0])
-    return 1e3 * float(np.sqrt(np.mean(rest**2)))
+    speeds, torques = means_of(logs)
+    return 1e3 * float(np.sqrt(np.mean((torques - law.moving(speeds)) ** 2)))
+
+
+def least_misfit(logs: Sequence[ff.Log]) -> float:
+    """The least that one line for each direction can leave of the mean torques [mN m]."""
+    speeds, torques = means_of(logs)
+    lines = [c * (speeds * side > 0.0) for side in (1.0, -1.0) for c in (np.sign(speeds), speeds)]
+    values = np.linalg.lstsq(np.column_stack(lines), torques, rcond=None)[0]
+    return 1e3 * float(np.sqrt(np.mean((torques - values @ lines) ** 2)))
 
 
 def fit_drive(folder: Path) -> Iterator[tuple[str, str, str, float, ff.FitResult]]:

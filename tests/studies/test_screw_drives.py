@@ -36,11 +36,14 @@ def test_friction_by_direction_leaves_what_was_published(
     drive: str, rise: str, published: float
 ) -> None:
     logs = S.read_drive(S.LOGS / drive)
-    left = {
-        viscous: S.misfit(
-            ff.fit("cylinder-friction", logs, viscous=viscous, stribeck=rise, inertia=0.0), logs
-        )
+    found = {
+        viscous: ff.fit("cylinder-friction", logs, viscous=viscous, stribeck=rise, inertia=0.0)
         for viscous in ("symmetric", "asymmetric")
     }
+    left = {viscous: S.misfit(result, logs) for viscous, result in found.items()}
     assert left["asymmetric"] < left["symmetric"]
-    assert round(left["asymmetric"], 3) <= published
+    # Published is the least that two lines can leave of the means. A fit of all samples leaves
+    # more; with lines that were off by their standard errors it would be 9 %.
+    least = S.least_misfit(logs)
+    assert round(least, 3) == published
+    assert left["asymmetric"] <= 1.01 * least

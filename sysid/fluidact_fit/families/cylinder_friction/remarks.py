@@ -176,6 +176,8 @@ def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
         instrument = f"slope of the {fit.axis.place}"
     elif any(d.motion.shared > 0.0 for d in fit.data):
         instrument = "the velocity itself"
+    elif not fit.found.instrumented:
+        instrument = "the velocity itself, whose noise shifts nothing"
     return {
         "method": "linear regression on moving samples",
         "instrument": instrument,
