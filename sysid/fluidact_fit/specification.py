@@ -261,6 +261,8 @@ class UnmodelledEffect:
         Of its size; where it is ``of`` a role, that of the role.
     positive
         Whether its size cannot be negative, as that of friction cannot.
+    offered
+        Whether an option has it estimated: of effects that look alike it is named first.
     """
 
     name: str
@@ -269,6 +271,7 @@ class UnmodelledEffect:
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
     unit: str = "1"
     positive: bool = False
+    offered: bool = False
     of: str = ""
 
 

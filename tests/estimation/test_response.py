@@ -100,6 +100,39 @@ def test_an_offset_that_is_there_is_estimated_without_a_word() -> None:
     assert "offset-matters" not in codes(found)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.03])
+def test_an_offset_that_was_left_out_on_request_is_not_passed_over(offset: float) -> None:
+    """A log without an offset of its own has a mean, which the examination takes into account."""
+    rng = np.random.default_rng(4)
+    logs = []
+    for _ in range(2):
+        inlet = steps(rng, 0.3, 1.0, 0.01)
+        logs.append(
+            line_log(rng, lambda t, inlet=inlet: inlet(t) + 1.2, time_constant=0.12,
+                     dead_time=0.03, step=0.01, span=8.0, offset=offset)
+        )  # fmt: skip
+    found = ff.fit("line", logs, offset="none")
+    assert ("unmodelled-response" in codes(found)) == bool(offset)
+    assert all(log.offset is None for log in found.document.fit.logs)
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_a_run_that_did_not_begin_at_rest_is_named(still: bool) -> None:
+    """The outlet still falls for as long as the log lasts."""
+    rng = np.random.default_rng(6)
+    t = np.arange(400) * 0.01
+    inlet = steps(rng, 0.2, 0.6, 0.01)(t) + 1.0
+    log = line_log(
+        rng, lambda x: np.interp(x, t, inlet, left=inlet[0] + 0.03 * (not still)),
+        time_constant=1.5, dead_time=0.03, step=0.01, span=4.0,
+    )  # fmt: skip
+    log["inlet"] = inlet
+    found = ff.fit("line", log, start_state="rest", offset="none", hold={"inlet": "foh"})
+    said = [n.message for n in found.notices if n.code == "unmodelled-response"]
+    assert bool(said) != still
+    assert all("was not at rest where a log begins" in text for text in said)
+
+
 def second_order(wn: float, zeta: float, late: float, noise: float, seed: int) -> Log:
     """Outlet of a lightly damped valve behind a dead time, with ripple that it does not explain."""
     from scipy.signal import lsim

@@ -63,7 +63,7 @@ class Term:
     stand_ins
         The same without noise of inputs, where that is known.
     offered
-        Whether it is a parameter of the family, which is named first.
+        Whether an option or a parameter of the family has it estimated: it is named first.
     most
         Largest possible size: beyond it the direction, or the channel, says nothing.
     least
@@ -204,7 +204,7 @@ def _effects(at: Optimum) -> Iterator[Term]:
                 continue
             columns, chosen = combined
         yield Term(effect.name, unit, words, effect.remedy, columns, positive=effect.positive,
-                   chosen=chosen)  # fmt: skip
+                   offered=effect.offered, chosen=chosen)  # fmt: skip
 
 
 def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArray], int] | None:

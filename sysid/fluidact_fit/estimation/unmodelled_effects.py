@@ -40,6 +40,7 @@ def output_offset(role: str) -> UnmodelledEffect:
         "Zero the sensor before a log, or fit offsets with --offset free.",
         partial(_levels, role),
         of=role,
+        offered=True,
     )
 
 
@@ -63,6 +64,7 @@ def initial_states(role: str, responses: Callable[[Experiment], FloatArray]) -> 
         "Begin logs at rest, or fit the initial state with --start-state free.",
         partial(_free_responses, role, responses),
         of=role,
+        offered=True,
     )
 
 
@@ -70,12 +72,15 @@ def _free_responses(
     role: str, responses: Callable[[Experiment], FloatArray], experiments: Sequence[Experiment],
     simulate: Simulate,
 ) -> list[dict[str, FloatArray]]:  # fmt: skip
-    """Free responses of every run beside zeros for those of the others, ``(n, runs * states)``."""
-    out = []
-    for k, e in enumerate(experiments):
+    """Free responses of every run beside zeros for those of the others, ``(n, runs * states)``.
+
+    Copies of a run, with noise added to its input, have its state.
+    """
+    names, out = list(dict.fromkeys(e.name for e in experiments)), []
+    for e in experiments:
         own = np.asarray(responses(e))
-        table = np.zeros((own.shape[0], len(experiments), own.shape[1]))
-        table[:, k] = own
+        table = np.zeros((own.shape[0], len(names), own.shape[1]))
+        table[:, names.index(e.name)] = own
         out.append({role: table.reshape(own.shape[0], -1)})
     return out
 

@@ -13,7 +13,7 @@ from ...estimation.discrete import discretise
 from ...estimation.named_model import NamedModel, Values, check_request
 from ...estimation.parametric import Fitted
 from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, fit_robustly
-from ...estimation.unmodelled_effects import soft_edges
+from ...estimation.unmodelled_effects import output_offset, soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
     Family,
@@ -166,14 +166,15 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             local = fit_robustly(basis.local, model.measured[0] - known, options.residual_limit)
             output = np.full(e.samples, np.nan)
             output[model.runs[0].unseen :] = known + basis.local @ local
-            level = 0.0 if options.offset == "none" else float(local[0])
+            level = None if options.offset == "none" else float(local[0])
             out.append(Simulated(output, offset=level))
         return out
 
     def unmodelled_effects(self, plant: Plant[MotorOptions]) -> Sequence[UnmodelledEffect]:
-        """Soft edges of the dead zone; see :meth:`Family.unmodelled_effects`."""
+        """Soft edges, and an offset left out on request; see :meth:`Family.unmodelled_effects`."""
         edge = plant.numbers["dead_zone"]
-        return [soft_edges(plant, "command", (-edge, edge))]
+        offset = [output_offset("speed")] if plant.options.offset == "none" else []
+        return [soft_edges(plant, "command", (-edge, edge)), *offset]
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve, the lag behind it, and that lag for a speed held between samples."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -19,8 +20,8 @@ from ...estimation.information import sensitivity
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.parametric import Fitted
 from ...estimation.response import Beginning, ResponseFit, ResponseModel, ResponseOptions
-from ...estimation.unmodelled_effects import soft_edges
-from ...experiment import Experiment, Hold
+from ...estimation.unmodelled_effects import initial_states, output_offset, soft_edges
+from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Excitation,
     Family,
@@ -138,11 +139,23 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         return section
 
     def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
-        """Soft edges of a dead zone; see :meth:`Family.unmodelled_effects`."""
-        if not self.dead_zone:
-            return []
-        v, (role,) = plant.numbers, plant.variant.driving
-        return [soft_edges(plant, role.name, (v["dead_zone_negative"], v["dead_zone_positive"]))]
+        """Soft edges, and beginnings left out on request; see :meth:`Family.unmodelled_effects`."""
+        v, (role,), begin = plant.numbers, plant.variant.driving, plant.options.beginning
+        output, out = plant.variant.output.name, list[UnmodelledEffect]()
+        if self.dead_zone:
+            edges = v["dead_zone_negative"], v["dead_zone_positive"]
+            out.append(soft_edges(plant, role.name, edges))
+        if begin.offset == "none":
+            out.append(output_offset(output))
+        if begin.rest:
+            out.append(initial_states(output, partial(self._free_responses, plant)))
+        return out
+
+    def _free_responses(self, plant: Plant[T], experiment: Experiment) -> FloatArray:
+        """Output after unit states, shape ``(n, states)``."""
+        begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
+        model = self.transfer_model(plant.variant, [experiment], begin)
+        return np.concatenate(list(model.free_responses(0, plant.numbers)))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """A command, played to the input; see :meth:`Family.excitation`."""

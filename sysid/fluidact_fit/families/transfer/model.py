@@ -304,6 +304,7 @@ def simulate_transfer(
             for i in runs
         ]
     owners = model.logs if model.begin.offset == "log" else list(runs)
+    none = model.begin.offset == "none"
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
@@ -311,11 +312,12 @@ def simulate_transfer(
         forced = [y[model.prepared[i].unseen :] for i, y in zip(own, outputs, strict=True)]
         found = _fit_offset(
             [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)],
-            model.begin.offset == "none",
+            none,
         )
         for i, y, output, unknowns in zip(own, forced, outputs, found, strict=True):
             _add_beginnings(model, i, values, y, unknowns)
-            out[i] = Simulated(output, offset=float(unknowns[-1]) - model.beyond(i, values))
+            level = None if none else float(unknowns[-1]) - model.beyond(i, values)
+            out[i] = Simulated(output, offset=level)
     return [out[i] for i in runs]
 
 
