@@ -190,3 +190,14 @@ def test_version_73(tmp_path: Path) -> None:
     assert (account["note"], account["none"], account["c2"]) == ("text", "empty", "text")
     assert "timetable" in account["tt"]
     assert "sparse" in account["thin"]
+
+
+@pytest.mark.parametrize("left", range(3, 10))
+@pytest.mark.parametrize("magic", [b"MATLAB 5.0", b"MATLAB 7.3"])
+def test_a_file_that_is_cut_in_its_first_bytes_is_no_text(
+    tmp_path: Path, magic: bytes, left: int
+) -> None:
+    path = tmp_path / "log.mat"
+    path.write_bytes(magic[:left])
+    with pytest.raises(LogError, match=f"only {left} bytes"):
+        read_log(path)

@@ -98,6 +98,11 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
     for magic, (what, remedy) in _UNFIT.items():
         if head.startswith(magic):
             raise LogError(f"this is {what}.", where=name, remedy=f"{remedy}, or export it as CSV.")
+    if len(head) > 2 and any(len(head) < len(m) and m.startswith(head) for m in _MAGIC):
+        raise LogError(
+            f"only {len(head)} bytes are there of what begins as a binary recording.", where=name,
+            remedy="Copy or record it again: it was cut.",
+        )  # fmt: skip
     found = next((r for magic, r in _MAGIC.items() if head.startswith(magic)), None)
     if found is None and head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
         found = "matlab"
