@@ -153,3 +153,13 @@ def test_a_pure_delay_is_no_rival_of_a_valve_that_fits_better() -> None:
     result = ff.fit("valve", log, dead_time="estimate")
     assert result.parameters["natural_frequency"].number == pytest.approx(45.0, rel=0.05)
     assert result.parameters["damping_ratio"].number == pytest.approx(0.23, abs=0.05)
+
+
+def test_a_long_dead_time_before_a_first_order_is_no_slow_valve() -> None:
+    """What the outlet does within the dead time speaks against it, and is to be left out first."""
+    rng = np.random.default_rng(3)
+    log = line_log(rng, steps(rng, 0.5, 2.0, 0.005), time_constant=0.02, dead_time=1.5,
+                   step=0.005, span=30.0)  # fmt: skip
+    log["command"] = log.pop("inlet")
+    with pytest.raises(ff.NotIdentifiedError, match="natural_frequency"):
+        ff.fit("valve", log, dead_time="estimate")

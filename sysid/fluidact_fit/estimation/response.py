@@ -52,6 +52,8 @@ _LONG_ENOUGH = 1000  # samples that show what is usual
 _HUBER = 4.0  # robust standard deviations from which a residual counts less
 _ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
+_POOR = 0.05  # of the power of the output, left by a search that may have missed the place
+_LATER = 0.25  # of the longest log, the start of which a search leaves out
 _SURE = 4.0  # standard errors of a level at rest
 _EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without offset is sought
 
@@ -348,6 +350,8 @@ class ResponseFit(Generic[T]):
         # some rivals are the best one again, not quite settled
         optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
         places = [self._values(problem, eta) for eta in optima]
+        if search.best.cost > _POOR * _power(few, self.output):
+            places += self._later(few, begin)
         begin, places = self._cut(few, begin, places)
         ends, part = places[:3], None
         if sum(e.samples for e in self.experiments) > _MANY:
@@ -500,6 +504,19 @@ class ResponseFit(Generic[T]):
         )  # fmt: skip
         return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
 
+    def _later(self, few: Sequence[Experiment], begin: Beginning) -> list[dict[str, float]]:
+        """Where a search ends that leaves out what a long dead time cannot describe.
+
+        The samples within it would speak against the very dead time that they answer to.
+        """
+        late = "dead_time" in self.plan.names and "dead_time" not in self.held
+        if not late or begin.rest or self.request.options.unrecorded is not None:
+            return []
+        begin = replace(begin, unrecorded=_LATER * time_scales(few)[1])
+        problem = self.problem(few, begin)
+        found = self._search(problem, self._starts(few, begin))
+        return [self._values(problem, s.eta) for s in (found.best, *found.rivals)]
+
     def _cut(
         self, few: Sequence[Experiment], begin: Beginning, places: list[dict[str, float]]
     ) -> tuple[Beginning, list[dict[str, float]]]:
@@ -512,7 +529,7 @@ class ResponseFit(Generic[T]):
         if all(b == begin for b in begins):
             return begin, places
         rows = sum(e[self.output].size for e in few)
-        power = float(np.sum([e[self.output].size * np.var(e[self.output]) for e in few])) / rows
+        power = _power(few, self.output) / rows
         found = []
         for place, own in zip(places, begins):
             problem = self.problem(few, own)
@@ -718,6 +735,11 @@ class ResponseFit(Generic[T]):
 
 
 Correct = Callable[[Fitted], Fitted] | None
+
+
+def _power(experiments: Sequence[Experiment], output: str) -> float:
+    """Sum of squares of the outputs about the mean of every run [square of the unit]."""
+    return float(sum(e[output].size * np.var(e[output]) for e in experiments))
 
 
 def _before_response(basis: Basis) -> npt.NDArray[np.bool_]:
