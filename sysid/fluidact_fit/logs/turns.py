@@ -233,7 +233,7 @@ class _Steps:
         whole = _NEARLY * turn <= self.span <= turn * (1 + 1e-6)
         jumps = self.far.size and float(np.abs(self.far).min()) > _NEARLY * self.span - moves
         if jumps and (whole or (self.far.size > 1 and moves < 0.1 * self.span)):
-            return float(np.median(np.abs(self.far)))
+            return self.span  # a turn, but for what the shaft moves between two samples
         resampled = whole and moves < 0.05 * self.span and self.spread > 0.75 * self.span
         return self.span if resampled else 0.0
 
@@ -259,7 +259,7 @@ def _notice(log: Log, binding: Binding, found: Turn) -> Notice:
 def _doubt(log: Log, binding: Binding, turn: float, seen: float, rows: IndexArray) -> LogError:
     name = binding.role.name
     places = f" ({name_lines(log.lines[rows])})" if rows.size else ""
-    seen_text = _written(binding, float(f"{seen:.4g}"))
+    seen_text = _written(binding, float(f"{seen:.3g}"))
     return LogError(
         f"{_column(binding)} seems to begin again after about {seen_text}{places}, but "
         f"not certainly after a full turn, which would be {_written(binding, turn)}: the steps "
