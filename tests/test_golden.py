@@ -42,3 +42,8 @@ def test_a_controller_can_load_it(path: Path) -> None:
     block = ff.load(path)
     assert block.not_identified == ()
     assert block.verdict == "pass"
+
+
+def test_the_network_of_the_controller_study_is_a_file_of_this_version() -> None:
+    block = ff.load(Path(__file__).parents[1] / "studies" / "force_network.yaml")
+    assert len(block.document.parameters["biases_1"].value) == 7
