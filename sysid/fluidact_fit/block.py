@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import isfinite
@@ -298,6 +298,13 @@ class Block(ABC):
         UsageError
             When the file lacks what it needs otherwise.
         """
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Methods that compute what routines do, by their names; tests hold exports against them.
+
+        They take the arguments of the routine in its order, as numbers.
+        """
+        return {}
 
     @abstractmethod
     def predict(self, experiment: Experiment) -> FloatArray:

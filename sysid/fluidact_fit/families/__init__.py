@@ -51,6 +51,10 @@ _REGISTRY = {
         "flow_map:FlowMap",
         "Flow map: dead band, gains, leakage and saturation of a proportional valve",
     ),
+    "backlash": (
+        "backlash:Backlash",
+        "Backlash: play and lost motion between a drive and its load",
+    ),
 }
 
 

@@ -17,7 +17,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -456,6 +456,13 @@ class FlowMapBlock(Block):
             )
         u = valve_command(q, v)
         return float(u) if u.ndim == 0 else u
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """All of them; see :meth:`.Block.methods`."""
+        return {
+            "flow": self, "command_for": partial(self.inverse, clamp=True),
+            "flow_at_reference": lambda flow, drop: flow / self._factor(drop),
+        }  # fmt: skip
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Flow of a recording; see :meth:`.Block.predict`."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from math import sqrt
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -111,6 +112,10 @@ class DriveBlock(DryDriveBlock):
         if velocity != 0.0:
             return float(self._moving.moving(velocity))
         return float(self._law.at_rest(torque))
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Feed-forward and friction; see :meth:`.Block.methods`."""
+        return {"feedforward": self.feedforward, "friction": self.friction}
 
     def routines(self) -> Sequence[Routine]:
         """Feed-forward of a wanted motion, and friction in motion and at rest."""

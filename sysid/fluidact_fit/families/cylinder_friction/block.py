@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +49,13 @@ class FrictionBlock(Block):
         level = replace(self._law, viscous_positive=0.0, viscous_negative=0.0).moving(v)
         viscous = self._law.moving(v) - level
         return np.asarray(np.abs(level) * np.tanh(v / width) + viscous)
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Both of them; see :meth:`.Block.methods`."""
+        return {
+            "friction": self,
+            "friction_rounded": lambda v, s: self(v, 1.0 / s if s else np.inf),
+        }
 
     def routines(self) -> Sequence[Routine]:
         """Friction in motion with its exact sign, and with a rounded one."""

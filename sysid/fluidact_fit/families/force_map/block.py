@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
@@ -66,6 +66,10 @@ class ForceMapBlock(Block):
         x, shape = self._table(values)
         y = self._map.predict(x, self.inputs)
         return float(y[0]) if not shape else y.reshape(shape)
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """The map; see :meth:`.Block.methods`."""
+        return {"map": lambda *inputs: self(**dict(zip(self.inputs, inputs, strict=True)))}
 
     def routines(self) -> Sequence[Routine]:
         """The map itself; its scalings are part of the first and the last layer."""

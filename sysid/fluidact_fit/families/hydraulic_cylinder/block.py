@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -131,6 +131,11 @@ class HydraulicBlock(FlowBlock):
             return sign * float("inf")
         edge = v["dead_zone_positive" if extending else "dead_zone_negative"]
         return edge + sign * flow / (v[f"valve_gain_{chamber}"] * float(np.sqrt(rest)))
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Flows, speed and friction by the equations; see :meth:`.Block.methods`."""
+        flows = {f"flow_{i}": partial(self.flow, i) for i in (1, 2)}
+        return {**flows, "speed": self, "friction": self.friction}
 
     def routines(self) -> Sequence[Routine]:
         """Flows, steady speed, the command for a speed, friction, and the networks of the file."""

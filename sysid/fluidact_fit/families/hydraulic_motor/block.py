@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -112,6 +113,10 @@ class MotorBlock(LinearBlock):
         pushed = lag.old[0] * before + lag.new[0] * newest
         self._speed = float(lag.phi[0, 0]) * now + float(pushed)
         return now + self.offset
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Steady speed and its inverse; see :meth:`.Block.methods`."""
+        return {"speed": self, "command_for": self.inverse}
 
     def routines(self) -> Sequence[Routine]:
         """One step of the motion; steady speed for a known direction, and its inverse."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +44,10 @@ class PotentiometerBlock(Block):
         self.watch(reading=reading)
         y = self._calibration.position(np.asarray(reading, dtype=float), direction)
         return float(y) if y.ndim == 0 else y
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Position and its inverse; see :meth:`.Block.methods`."""
+        return {"position": self, "reading_at": partial(self.inverse, clamp=True)}
 
     def routines(self) -> Sequence[Routine]:
         """Position of a reading, and the reading at a position of a monotone curve."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy.typing as npt
 
@@ -43,6 +44,10 @@ class SpringCylinderBlock(Block):
         """Command [V] or pressure [Pa] for a wanted force [N]; exact."""
         self.watch(force=force, position=position)
         return self._law.command(force, position, direction, velocity)
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Both of them; see :meth:`.Block.methods`."""
+        return {"force": self, "command_for": self.inverse}
 
     def routines(self) -> Sequence[Routine]:
         """Force of the rod, and the command or pressure for a wanted force."""

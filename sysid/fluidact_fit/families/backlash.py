@@ -1,0 +1,509 @@
+"""Backlash: the play between a drive and the load behind it, both positions recorded.
+
+    load = play(ratio drive) + offset
+    play(u)_k = min(max(play_(k-1), u_k - backlash / 2), u_k + backlash / 2)
+
+The play operator [1]_: the load rests while the drive crosses the play and then follows it on the
+other side, as it does where friction dominates and motion is slow. With ``u`` the drive at the last
+contact and ``s`` the side that pushed (1 upwards, -1 downwards) the load is ``ratio u - s backlash
+/ 2``, which gives all derivatives. The right inverse [2]_ takes the drive across the play at once
+where the wanted load turns back.
+
+References
+----------
+.. [1] M. Brokate, J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.1.
+.. [2] G. Tao, P. Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities,
+   1996, chapter 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..block import SteppedBlock
+from ..errors import Notice, NotIdentifiedError
+from ..estimation.named_model import NamedModel, check_request, make_unknowns
+from ..estimation.noise import noise_floor
+from ..estimation.parametric import Fitted, fit_named
+from ..estimation.problem import Basis, Slopes
+from ..estimation.recursion import behind_play, clamped
+from ..estimation.sharp_smoothing import ReadingErrors, choose_smoothing, smooth_sharply
+from ..experiment import Experiment, FloatArray, Hold, IndexArray
+from ..family import (
+    Curve,
+    Excitation,
+    Family,
+    FamilyOptions,
+    NoiseModel,
+    ParameterDocument,
+    ParameterSpec,
+    Plant,
+    Request,
+    Role,
+    Simulated,
+    Solution,
+    StaticView,
+    UnmodelledEffect,
+    Variant,
+    make_solution,
+)
+from ..options import settled
+from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
+
+Values = Mapping[str, Any]
+_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
+_SURE = 10.0  # times its noise, from which a way back of the load is none of it
+_DRAWS = 12  # of the noise of the drive, to see what it does
+_MATTERS = 0.5  # standard errors
+_BACK = "Move the drive both ways, slowly, each time by several times the play."
+
+
+@dataclass(frozen=True)
+class BacklashOptions(FamilyOptions):
+    """What the fit settles."""
+
+    smoothing: int | None = settled(
+        "int", "samples on either side over which noise of the drive was smoothed", minimum=1
+    )
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How a load follows a drive through a play.
+
+    Attributes
+    ----------
+    path
+        Load without its offset, shape ``(n,)`` [unit of the load].
+    side
+        1 where the drive pushed it last upwards, -1 downwards, 0 while it never did.
+    contact
+        Sample of that push.
+    begins
+        First sample at which they were in contact: before it the load rests anywhere in the play.
+    """
+
+    path: FloatArray
+    side: FloatArray
+    contact: IndexArray
+    begins: int
+
+
+def follow(
+    drive: FloatArray, ratio: float, backlash: float, load: FloatArray | None = None
+) -> Followed:
+    """Let a load follow a drive, shape ``(n,)`` each.
+
+    It begins amid the play or, where it was recorded, in the state that explains the record best:
+    pushed from either side, at once or later. The play forgets that state once it was crossed.
+    """
+    u, half = ratio * drive, 0.5 * backlash
+    now = np.arange(u.size)
+
+    def run(start: float, side: float, begins: int) -> Followed:
+        path = clamped(start, u - half, u + half, 0.0, u.size)
+        step = np.diff(path, prepend=path[0])
+        contact = np.maximum.accumulate(np.where(step != 0.0, now, 0))
+        sides = np.where(contact > 0, np.sign(step)[contact], side)
+        return Followed(path, sides, contact, begins)
+
+    if load is None:
+        return run(float(u[0]), 0.0, 0)
+    ends = [run(-side * np.inf, side, 0) for side in (1.0, -1.0)]
+    crossed = int(np.count_nonzero(ends[0].path != ends[1].path))
+    best, least = ends[0], np.inf
+    for end in ends:
+        moved = np.unique(end.contact[:crossed])
+        at = np.unique(np.concatenate(([0], moved, [crossed])))
+        cost = _two_levels(load, load - end.path, at)
+        k = int(np.argmin(cost))
+        if cost[k] < least:
+            least = float(cost[k])
+            best = Followed(end.path, end.side, end.contact, int(at[k]))
+    return best
+
+
+def _two_levels(before: FloatArray, after: FloatArray, at: IndexArray) -> FloatArray:
+    """Squares about the means of ``before[:k]`` and ``after[k:]`` for every ``k`` of ``at``."""
+    total = np.zeros(at.size)
+    for values, cut in ((before, at), (after[::-1], after.size - at)):
+        v = values - values.mean()
+        first, second = (np.concatenate(([0.0], np.cumsum(p)))[cut] for p in (v, v**2))
+        total += second - first**2 / np.maximum(cut, 1)
+    return total
+
+
+@dataclass(frozen=True)
+class PlayModel:
+    """Positions of all runs, as the estimation takes the model; see :class:`.NamedModel`."""
+
+    drives: Sequence[FloatArray]
+    loads: Sequence[FloatArray]
+
+    def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
+        """Path of a run and its derivatives; its offset and first position are its own."""
+        x, y = self.drives[index], self.loads[index]
+        f = follow(x, float(values["ratio"]), float(values["backlash"]), y)
+        after = np.arange(x.size) >= f.begins
+        local = np.column_stack([part for part in (after, ~after) if part.any()]).astype(float)
+        by = {"ratio": after * x[f.contact], "backlash": -0.5 * after * f.side}
+        table = np.array([by[n] for n in names]).reshape(len(names), x.size)
+        nothing = np.zeros((x.size, 0))
+        return Basis(after * f.path, nothing, local), Slopes(
+            table, np.zeros((len(names), *nothing.shape)), np.zeros((len(names), *local.shape))
+        )
+
+    def columns(self, index: int, values: Values) -> Basis:
+        """Path of a run."""
+        return self.slopes(index, values, ())[0]
+
+    def start(self, share: float) -> tuple[dict[str, float], float]:
+        """Ratio that fits best behind a play of some share of the range, and what it leaves."""
+        width = share * max(float(np.ptp(x)) for x in self.drives)
+        paths = [behind_play(x, width) for x in self.drives]
+        w = np.concatenate([p - p.mean() for p in paths])
+        y = np.concatenate([p - p.mean() for p in self.loads])
+        ratio = float(w @ y / max(w @ w, 1e-300))
+        rest = y - ratio * w
+        return {"ratio": ratio, "backlash": abs(ratio) * width}, float(rest @ rest)
+
+
+class Backlash(Family[BacklashOptions]):
+    """Play between a drive and its load, and their ratio, from slow strokes both ways."""
+
+    name = "backlash"
+    title = "Backlash: play and lost motion between a drive and its load"
+    equation = (
+        "load_position = play(ratio drive_position) + offset, "
+        "play(u) = min(max(play before, u - backlash / 2), u + backlash / 2)"
+    )
+    variants = (
+        Variant(
+            "backlash",
+            (
+                Role("time", "s", "time of each sample", required=False),
+                Role("drive_position", "m", "position of the drive, before the play", hold="foh",
+                     alternatives=("rad", "1", "V")),
+                Role("load_position", "m", "position of the load, behind the play", output=True,
+                     alternatives=("rad", "1", "V")),
+            ),
+            (
+                ParameterSpec(
+                    "backlash", "m", "width of the play, as the load moves", minimum=0.0,
+                    ratio=("load_position", "1"), remedy=_BACK,
+                ),
+                ParameterSpec(
+                    "ratio", "1", "way of the load per way of the drive in contact",
+                    ratio=("load_position", "drive_position"),
+                    remedy="Move the drive by many times the play.",
+                ),
+            ),
+        ),
+    )  # fmt: skip
+    options_type = BacklashOptions
+    steady_offset = True
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[BacklashOptions]
+    ) -> Solution[BacklashOptions]:
+        """Fit play and ratio; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        drives = [e.sampled("drive_position") for e in experiments]
+        options = replace(request.options, smoothing=choose_smoothing(drives))
+        model = PlayModel(
+            [smooth_sharply(x, options.smoothing) for x in drives],
+            [e.sampled("load_position") for e in experiments],
+        )
+        _refuse_rest(model, experiments[0], request)
+        tried = sorted((model.start(share) for share in _SHARES), key=lambda found: found[1])
+        starts = [start for start, _ in tried[:3]]
+        size = abs(starts[0]["ratio"])
+        span = size * max(float(np.ptp(x)) for x in model.drives)
+        names = ("backlash", "ratio")
+        fitted = fit_named(
+            NamedModel(
+                names, (), model.columns, model.loads, model.slopes,
+                resolutions=[e.signals["load_position"].resolution for e in experiments],
+                logs=[e.log for e in experiments],
+            ),
+            variant.parameters, request,
+            make_unknowns(variant.parameters, names, {"backlash": 0.01 * span, "ratio": size},
+                          request, {"backlash": (0.0, 2.0 * span)}),
+            starts, sensible={"backlash": 0.25 * span},
+            idle={"backlash": size * max(map(_way_back, model.drives))},
+        )  # fmt: skip
+        fitted = _allow_for_readings(model, fitted, experiments, options.smoothing)
+        units = experiments[0].units
+        parameters, order, matrix = fitted.quantities(variant.parameters, units)
+        logs, notices = fitted.compare_logs(experiments)
+        return make_solution(
+            self.simulate, experiments, variant, options, parameters, order,
+            NoiseModel(matrix, fitted.degrees, fitted.independent),
+            jacobians=[{"load_position": j} for j in fitted.sensitivity()],
+            derived=fitted.derive({"lost_motion": units["drive_position"]}, _lost_motion),
+            notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        plant: Plant[BacklashOptions],
+        experiments: Sequence[Experiment],
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Load from drive; see :meth:`Family.simulate`."""
+        out = []
+        for e in experiments:
+            y = e.sampled("load_position") if "load_position" in e else None
+            f = _follow(plant, e, y)
+            if y is None:
+                level, output = offset or 0.0, f.path + (offset or 0.0)
+            else:
+                level = float(np.mean((y - f.path)[f.begins :] if f.begins < y.size else y))
+                output = f.path + level
+                output[: f.begins] = np.mean(y[: f.begins]) if f.begins else 0.0
+            out.append(Simulated(output, offset=level))
+        return out
+
+    def unmodelled_effects(self, plant: Plant[BacklashOptions]) -> Sequence[UnmodelledEffect]:
+        """A load that moves inside the play; see :meth:`Family.unmodelled_effects`."""
+        return [
+            UnmodelledEffect(
+                "motion inside the play", "the load moves while the drive crosses the play",
+                "Look for a spring or friction between drive and load, wind-up of the shaft, or a "
+                "load that coasts: move more slowly, and load the axis less.",
+                partial(_inside, plant),
+            )
+        ]  # fmt: skip
+
+    def model(
+        self, plant: Plant[BacklashOptions], sample_time: float, hold: Hold
+    ) -> dict[str, Any]:
+        """The play as a controller runs it."""
+        v = plant.numbers
+        return {"play": {"half_width": 0.5 * v["backlash"], "ratio": v["ratio"], **_lost_motion(v)}}
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Nothing to design; see :meth:`Family.excitation`."""
+        return Excitation("none", "any slow strokes both ways, far longer than the play, tell it")
+
+    def static_view(
+        self,
+        plant: Plant[BacklashOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> StaticView:
+        """Load less what it would be without play, over the drive, and both sides of the play."""
+        v, units = plant.numbers, experiments[0].units
+        x = np.concatenate([e.sampled("drive_position") for e in experiments])
+        y = np.concatenate([e.sampled("load_position") for e in experiments])
+        level = np.concatenate([np.full(s.output.size, s.offset) for s in simulated])
+        found = np.concatenate([s.output for s in simulated])
+        ends, free = np.array([x.min(), x.max()]), v["ratio"] * x + level
+        half = np.full(2, 0.5 * v["backlash"])
+        return StaticView(
+            "drive_position", units["drive_position"], "load_position - ratio drive_position",
+            units["load_position"], x, y - free, found - free, np.isfinite(y),
+            [Curve("pushed up", ends, -half), Curve("pushed down", ends, half)],
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> BacklashBlock:
+        """Return the play and its right inverse."""
+        return BacklashBlock(document, variant)
+
+
+def _lost_motion(v: Values) -> dict[str, Any]:
+    """Way of the drive from one side of the play to the other."""
+    return {"lost_motion": v["backlash"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
+
+
+def _drive(e: Experiment, options: BacklashOptions) -> FloatArray:
+    return smooth_sharply(e.sampled("drive_position"), options.smoothing)
+
+
+def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) -> Followed:
+    v = plant.numbers
+    return follow(_drive(e, plant.options), v["ratio"], v["backlash"], load)
+
+
+def _allow_for_readings(
+    model: PlayModel, fitted: Fitted, experiments: Sequence[Experiment], smoothing: int | None
+) -> Fitted:
+    """Add what errors of the drive's readings do, smoothed as they are: they are drawn anew."""
+    if "backlash" not in fitted.names:
+        return fitted
+    errors = [ReadingErrors.of(e.sampled("drive_position")) for e in experiments]
+    rng, table = np.random.default_rng(0), np.vstack(fitted.sensitivity())
+    ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
+    moved = np.zeros((_DRAWS, len(fitted.names)))
+    for row in moved:
+        change = []
+        for x, y, error in zip(model.drives, model.loads, errors):
+            right = follow(x, ratio, backlash, y)
+            drawn = smooth_sharply(error.draw(x, rng), smoothing)
+            rest = right.path - follow(drawn, ratio, backlash, right.path).path
+            rest[: right.begins] = 0.0
+            rest[right.begins :] -= np.mean(rest[right.begins :]) if right.begins < x.size else 0.0
+            change.append(rest)
+        row[:] = np.linalg.lstsq(table, np.concatenate(change), rcond=None)[0]
+    spread = np.atleast_2d(np.cov(moved.T))
+    out = replace(fitted, covariance=fitted.covariance + spread)
+    k = fitted.names.index("backlash")
+    if spread[k, k] > 0.1 * out.covariance[k, k]:
+        out = replace(out, intervals={})
+    shift, sure = float(moved[:, k].mean()), out.std_error("backlash")
+    if abs(shift) < _MATTERS * sure:
+        return out
+    signal = experiments[0].signals["drive_position"]
+    noise = signal.text(max(max(e.noise, e.step) for e in errors), ".2g")
+    text = (
+        f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
+        f"backlash comes out about {abs(shift):.2g} too {'wide' if shift > 0.0 else 'narrow'}, "
+        f"{abs(shift) / sure:.1f} standard errors. Record the drive with a cleaner sensor, or "
+        "move faster."
+    )
+    return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
+
+
+def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any) -> list[Any]:
+    """Where the drive is in the play, from -1 to 1: a stiff enough spring takes the load along."""
+    out = []
+    for e in experiments:
+        f = _follow(plant, e, e.sampled("load_position"))
+        place = plant.numbers["ratio"] * _drive(e, plant.options) - f.path
+        place[: f.begins] = 0.0
+        out.append({"load_position": place})
+    return out
+
+
+def _way_back(values: FloatArray) -> float:
+    """Largest way that is gone in both directions."""
+    up = values - np.minimum.accumulate(values)
+    return float(min(up.max(), (np.maximum.accumulate(values) - values).max()))
+
+
+def _refuse_rest(model: PlayModel, e: Experiment, request: Request[Any]) -> None:
+    """Refuse logs in which drive or load never move, or the load never moves back.
+
+    Raises
+    ------
+    NotIdentifiedError
+        Naming how far the drive went back.
+    """
+    noise = [_SURE * noise_floor(y) for y in model.loads]
+    drive = e.signals["drive_position"]
+    if not any(np.ptp(y) > least for y, least in zip(model.loads, noise)) or not any(
+        map(np.ptp, model.drives)
+    ):
+        raise NotIdentifiedError(
+            "the data cannot determine ratio: the drive or the load does not move in any log.",
+            expected="Nothing was written.",
+            remedy=_BACK,
+        )
+    if "backlash" in request.fixed:
+        return
+    if not any(_way_back(y) > least for y, least in zip(model.loads, noise)):
+        back = drive.text(max(map(_way_back, model.drives)))
+        raise NotIdentifiedError(
+            "the data cannot determine backlash: in no log does the load go both ways. The drive "
+            f"turns back by {back} at most, which does not cross the play.",
+            expected="Nothing was written.",
+            remedy=f"Turn the drive back by much more than {back}, slowly, several times.",
+        )
+
+
+# --------------------------------------------------------------------- what a controller runs
+
+
+class BacklashBlock(SteppedBlock):
+    """Load behind the play, and the drive that takes it to a wanted place.
+
+    :meth:`step` and :meth:`drive_for` each keep their own side of the play, call by call. Where
+    the side is known, calling the block and :meth:`inverse` take it: ``direction`` is 1 where the
+    drive pushes upwards, as the load counts, -1 downwards, 0 amid the play.
+    """
+
+    def _begin(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget both sides: the next step finds the load amid the play."""
+        self._path: float | None = None
+        self._wanted, self._side = np.nan, 0.0
+
+    def __call__(self, drive_position: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Load on a side of the play, shape of ``drive_position``."""
+        self.watch(drive_position=drive_position)
+        v, x = self.numbers(), np.asarray(drive_position, dtype=float)
+        return np.asarray(v["ratio"] * x + self.offset - 0.5 * np.sign(direction) * v["backlash"])
+
+    def inverse(self, load_position: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Drive that holds a load on a side of the play, shape of ``load_position``."""
+        self.watch(load_position=load_position)
+        v, y = self.numbers(), np.asarray(load_position, dtype=float)
+        away = 0.5 * np.sign(direction) * v["backlash"] - self.offset
+        return np.asarray((y + away) / v["ratio"])
+
+    def _step(self, value: float) -> float:
+        """Advance the load; see :meth:`.SteppedBlock.step`."""
+        v = self.numbers()
+        u, half = v["ratio"] * value, 0.5 * v["backlash"]
+        self._path = u if self._path is None else min(max(self._path, u - half), u + half)
+        return self._path + self.offset
+
+    def drive_for(self, load_position: float) -> float:
+        """Drive that takes the load to the next wanted position: the right inverse of the play.
+
+        It crosses the play where the wanted position turns back, and stays on its side while that
+        rests; amid the play until it has moved.
+        """
+        wanted = self.sample("load_position", load_position)
+        if wanted != self._wanted:
+            self._side = float(np.sign(np.nan_to_num(wanted - self._wanted)))
+        self._wanted = wanted
+        return float(self.inverse(wanted, self._side))
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Load of a recording from its drive; see :meth:`.Block.predict`."""
+        v = self.numbers()
+        x = _drive(experiment, self.document.settled_options(BacklashOptions))
+        return follow(x, v["ratio"], v["backlash"]).path + self.offset
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """All of them; see :meth:`.Block.methods`."""
+        return {"step": self.step, "drive_for": self.drive_for,
+                "load_at": self, "drive_at": self.inverse}  # fmt: skip
+
+    def routines(self) -> Sequence[Routine]:
+        """Both ways: with the side of the play kept from call to call, and on a given one."""
+        v, offset = self.numbers(), constant("offset", self.offset)
+        half, ratio = constant("half_width", 0.5 * v["backlash"]), constant("ratio", v["ratio"])
+        drive = self.argument("drive_position", "position of the drive")
+        load = self.argument("load_position", "wanted position of the load")
+        way = Argument("direction", "1", "1 pushed up, -1 down, 0 amid the play", -1.0, 1.0)
+        step = Draft("step", "Load behind the play, which is kept between calls.", load.unit)
+        u = step.let("free", step.argument(drive) * ratio)
+        path, begun = step.state("path"), step.state("begun")
+        step.put(path, choose(begun, ">", 0.0, minimum(maximum(path, u - half), u + half), u))
+        step.put(begun, 1.0)
+        there = Draft("drive_for", "Drive for the next wanted load; its side is kept.", drive.unit)
+        wanted = there.argument(replace(load, held=True))
+        last, side, known = there.state("last"), there.state("side"), there.state("known")
+        turned = by_sign(wanted - last, half, -half, side, jumps=True)
+        there.put(side, choose(known, ">", 0.0, turned, 0.0))
+        there.put(last, wanted)
+        there.put(known, 1.0)
+        at = Draft("load_at", "Load on a side of the play.", load.unit)
+        free, pushed = at.argument(drive) * ratio, by_sign(at.argument(way), half, -half)
+        back = Draft("drive_at", "Drive that holds a load on a side of the play.", drive.unit)
+        y, pushing = back.argument(load), by_sign(back.argument(way), half, -half)
+        per = constant("per_ratio", 1.0 / v["ratio"])
+        return (
+            step.returns(path + offset), there.returns((wanted - offset + side) * per),
+            at.returns(free + offset - pushed), back.returns((y - offset + pushing) * per),
+        )  # fmt: skip

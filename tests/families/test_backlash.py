@@ -1,0 +1,237 @@
+"""Backlash: the play operator, intervals that hold the truth, refusals, noise, right inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fluidact_fit as ff
+from fluidact_fit.control import make_block
+from fluidact_fit.errors import NotIdentifiedError
+from fluidact_fit.estimation.sharp_smoothing import ReadingErrors, choose_smoothing, smooth_sharply
+from fluidact_fit.experiment import FloatArray
+from fluidact_fit.families.backlash import BacklashBlock, PlayModel, follow
+from fluidact_fit.result import FitResult
+
+RATIO, PLAY, NOISE = 0.8, 2e-3, 2e-5
+Log = dict[str, FloatArray]
+
+
+def by_hand(u: FloatArray, play: float, begins: float = 0.0) -> FloatArray:
+    """The load of every sample, one after the other; it begins at a share of the half play."""
+    at, out = float(u[0]) + 0.5 * play * begins, []
+    for value in u.tolist():
+        if value - at > 0.5 * play:
+            at = value - 0.5 * play
+        if at - value > 0.5 * play:
+            at = value + 0.5 * play
+        out.append(at)
+    return np.array(out)
+
+
+def stroke(
+    seed: int = 0, n: int = 700, play: float = PLAY, ratio: float = RATIO, size: float = 0.02,
+    drive_noise: float = 0.0, noise: float = NOISE, late: int = 0, spring: float = 0.0,
+) -> Log:  # fmt: skip
+    """Two sines; ``late`` samples of the load, ``spring`` the share of the play that it follows."""
+    rng = np.random.default_rng(seed)
+    t = 0.02 * np.arange(n)
+    turn = 2.0 * np.pi * t / 5.0 + rng.uniform(0.0, 6.0)
+    x = size * (np.sin(turn) + 0.3 * np.sin(2.7 * turn))
+    y = by_hand(ratio * x, play, rng.uniform(-1.0, 1.0))
+    y += spring * (ratio * x - y)
+    y = np.concatenate((np.full(late, y[0]), y[: n - late]))
+    return {
+        "time": t, "drive_position": x + drive_noise * rng.standard_normal(n),
+        "load_position": y + 3e-3 + noise * rng.standard_normal(n),
+    }  # fmt: skip
+
+
+def codes(result: FitResult) -> set[str]:
+    return {w.code for w in result.document.warnings} - {"unit-assumed"}
+
+
+@cache
+def any_block() -> BacklashBlock:
+    """A loaded block."""
+    block = make_block(ff.fit("backlash", stroke()).document)
+    assert isinstance(block, BacklashBlock)
+    return block
+
+
+places = st.lists(st.integers(-20, 20), min_size=1, max_size=60)
+
+
+@given(places, st.integers(0, 12), st.sampled_from([-1, 1]))
+@settings(deadline=None, max_examples=100)
+def test_a_path_is_that_of_the_play_taken_step_by_step(
+    drive: list[int], play: int, way: int
+) -> None:
+    """Whole numbers: exact; a drive read as numbers of a converter among them."""
+    x = np.array(drive, dtype=float)
+    found = follow(x, way, float(play))
+    np.testing.assert_array_equal(found.path, by_hand(way * x, float(play)))
+
+
+@given(places, st.integers(1, 12), st.floats(-1.0, 1.0))
+@settings(deadline=None, max_examples=100)
+def test_a_recorded_load_is_followed_wherever_it_began(
+    drive: list[int], play: int, begins: float
+) -> None:
+    x = np.array(drive, dtype=float)
+    load = by_hand(x, float(play), begins)
+    found = follow(x, 1.0, float(play), load)
+    rest = (load - found.path)[found.begins :]
+    np.testing.assert_allclose(rest, rest[:1].repeat(rest.size), atol=1e-9)
+    assert np.ptp(np.append(load[: found.begins], load[0])) < 1e-9
+
+
+def test_the_derivatives_are_those_of_the_path() -> None:
+    log = stroke(4, noise=0.0)
+    model = PlayModel([log["drive_position"]], [log["load_position"]])
+    at, names = {"ratio": 0.81, "backlash": 2.1e-3}, ("ratio", "backlash")
+    _, slopes = model.slopes(0, at, names)
+    for row, name in zip(slopes.known, names):
+        step = 1e-7 * at[name]
+        ends = [model.columns(0, {**at, name: at[name] + s * step}).known for s in (1.0, -1.0)]
+        found = (ends[0] - ends[1]) / (2.0 * step)
+        # a sample that changes its side within the step is none of the derivative
+        assert np.mean(np.abs(found - row) > 1e-6 * np.abs(row).max()) < 0.01
+
+
+def test_intervals_hold_the_truth_and_errors_are_as_small_as_they_can_be() -> None:
+    """Every sample tells its side: ``4 s^2 / n`` is the least variance of the width."""
+    scores = []
+    for seed in range(16):
+        result = ff.fit("backlash", [stroke(2 * seed), stroke(2 * seed + 1)])
+        assert result.verdict == "pass", codes(result)
+        p = result.parameters
+        least = 2.0 * NOISE / np.sqrt(1400.0)
+        assert 0.99 * least < p["backlash"].std_error < 1.3 * least
+        for name, truth in (("backlash", PLAY), ("ratio", RATIO)):
+            scores.append((p[name].number - truth) / p[name].std_error)
+    # of 32 scores: a root mean square within four of its standard errors, none beyond 4
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
+    assert np.abs(scores).max() < 4.0
+
+
+def test_a_load_that_is_geared_backwards_is_as_good() -> None:
+    result = ff.fit("backlash", stroke(ratio=-25.0, play=0.05, noise=5e-4))
+    p = result.parameters
+    assert abs(p["ratio"].number + 25.0) < 4.0 * p["ratio"].std_error
+    assert abs(p["backlash"].number - 0.05) < 4.0 * p["backlash"].std_error
+    lost = result.document.derived["lost_motion"]
+    assert lost.value == pytest.approx(p["backlash"].number / 25.0, rel=1e-3)
+
+
+def test_without_play_the_interval_begins_at_zero() -> None:
+    result = ff.fit("backlash", stroke(play=0.0))
+    low, high = result.parameters["backlash"].ci95
+    assert low == 0.0 < high < 3.0 * NOISE
+    assert result.verdict == "pass"
+
+
+def test_a_given_ratio_is_kept() -> None:
+    result = ff.fit("backlash", stroke(), fixed={"ratio": RATIO})
+    p = result.parameters
+    assert p["ratio"].status == "fixed"
+    assert abs(p["backlash"].number - PLAY) < 4.0 * p["backlash"].std_error
+
+
+@pytest.mark.parametrize(
+    ("spoil", "name", "said"),
+    [
+        (lambda log: {**log, "load_position": 0.0 * log["time"]}, "ratio", "does not move"),
+        (lambda log: {**log, "drive_position": 0.0 * log["time"]}, "ratio", "does not move"),
+        (lambda log: stroke(play=0.045), "backlash", "turns back by"),
+        (lambda log: {k: v[:60] for k, v in stroke(5).items()}, "backlash", ""),
+    ],
+)
+def test_what_the_logs_cannot_tell_is_refused(
+    spoil: Callable[[Log], Log], name: str, said: str
+) -> None:
+    with pytest.raises(NotIdentifiedError, match=f"cannot determine {name}.*{said}"):
+        ff.fit("backlash", spoil(stroke()))
+
+
+def test_reversals_just_short_of_the_play_are_refused() -> None:
+    log = stroke()
+    t = log["time"]
+    x = 2e-3 * t + 1.2e-3 * np.sin(8.0 * t)  # back by less than the lost motion of 2.5 mm
+    y = by_hand(RATIO * x, PLAY) + NOISE * np.random.default_rng(2).standard_normal(t.size)
+    with pytest.raises(NotIdentifiedError, match="backlash"):
+        ff.fit("backlash", {"time": t, "drive_position": x, "load_position": y})
+
+
+@pytest.mark.parametrize("drive_noise", [2e-6, 2e-5, 6e-5])
+def test_noise_of_the_drive_does_not_widen_the_play(drive_noise: float) -> None:
+    """Unsmoothed the width comes out 2 to 3 standard deviations of the noise too large."""
+    scores = []
+    for seed in range(5):
+        result = ff.fit("backlash", [stroke(seed, drive_noise=drive_noise)])
+        p = result.parameters["backlash"]
+        scores.append((p.number - PLAY) / p.std_error)
+    assert np.abs(scores).max() < 3.5
+    assert abs(np.mean(scores)) < 1.8
+
+
+def test_smoothing_keeps_reversals_sharp() -> None:
+    rng = np.random.default_rng(3)
+    x = np.abs(np.mod(np.arange(900) / 150.0, 2.0) - 1.0)
+    noisy = x + 1e-3 * rng.standard_normal(x.size)
+    half = choose_smoothing([noisy])
+    assert half is not None
+    rest = smooth_sharply(noisy, half) - x
+    assert np.sqrt(np.mean(rest**2)) < 0.6e-3
+    assert np.abs(rest).max() < 4e-3  # a parabola through a kink misses it by 0.2 of its width
+    assert choose_smoothing([x]) is None
+    assert ReadingErrors.of(noisy).noise == pytest.approx(1e-3, rel=0.15)
+    assert ReadingErrors.of(np.round(x / 7e-4) * 7e-4).step == pytest.approx(7e-4)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        ({"late": 1}, "unmodelled-response"),
+        ({"late": 6}, "unmodelled-response"),
+        ({"spring": 0.1}, "unmodelled-response"),
+    ],
+)
+def test_what_looks_like_play_is_said(fault: dict[str, Any], code: str) -> None:
+    result = ff.fit("backlash", [stroke(1, **fault), stroke(2, **fault)])
+    assert code in codes(result)
+
+
+def test_drive_and_load_taken_for_each_other_are_said() -> None:
+    log = stroke(drive_noise=NOISE)
+    swapped = {**log, "drive_position": log["load_position"],
+               "load_position": log["drive_position"]}  # fmt: skip
+    assert ff.fit("backlash", swapped).verdict != "pass"
+
+
+@given(st.lists(st.floats(-0.02, 0.02), min_size=2, max_size=50))
+@settings(deadline=None, max_examples=60)
+def test_the_right_inverse_takes_the_load_where_it_is_wanted(wanted: list[float]) -> None:
+    block = any_block()
+    block.reset()
+    block.step(block.drive_for(wanted[0]))
+    for y in wanted[1:]:
+        before = block._side
+        x = block.drive_for(y)
+        load = block.step(x)
+        if block._side or before:
+            assert load == pytest.approx(y, abs=1e-12)
+
+
+def test_a_block_on_a_known_side_is_its_own_inverse() -> None:
+    block, x = any_block(), np.linspace(-0.02, 0.02, 9)
+    for side in (-1.0, 0.0, 1.0):
+        np.testing.assert_allclose(block.inverse(block(x, side), side), x, atol=1e-12)
+    up, down = float(block(0.01, 1.0)), float(block(0.01, -1.0))
+    assert down - up == pytest.approx(block.numbers()["backlash"])
