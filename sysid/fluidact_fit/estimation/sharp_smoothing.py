@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import FloatArray
+from ..rows import blocks
 from .noise import common_step, white_noise
 
 _WINDOWS = (6, 12, 24)  # samples on either side that are tried
@@ -54,8 +55,12 @@ def _smoothed(values: FloatArray, half: int) -> tuple[FloatArray, float]:
     width = 2 * half + 1
     powers = np.vander(np.arange(-half, half + 1), 3, increasing=True).astype(float)
     windows = np.lib.stride_tricks.sliding_window_view(values, width)
-    found = windows @ np.linalg.pinv(powers).T
-    rest = np.sqrt(np.sum((windows - found @ powers.T) ** 2, axis=1) / (width - 3))
+    inverse, found = np.linalg.pinv(powers).T, np.empty((windows.shape[0], 3))
+    rest = np.empty(windows.shape[0])
+    for at in blocks(windows.shape[0]):
+        found[at] = windows[at] @ inverse
+        rest[at] = np.sum((windows[at] - found[at] @ powers.T) ** 2, axis=1)
+    rest = np.sqrt(rest / (width - 3))
     now = np.arange(values.size)
     middle = np.clip(now, half, values.size - 1 - half)
     # chance makes windows differ: only what is far better is worth the ends of a parabola

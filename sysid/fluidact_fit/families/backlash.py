@@ -413,7 +413,7 @@ def _refuse_rest(model: PlayModel, e: Experiment, request: Request[Any]) -> None
             "the data cannot determine backlash: in no log does the load go both ways. The drive "
             f"turns back by {back} at most, which does not cross the play.",
             expected="Nothing was written.",
-            remedy=f"Turn the drive back by much more than {back}, slowly, several times.",
+            remedy=f"Move the drive back by much more than {back}, slowly, several times.",
         )
 
 
