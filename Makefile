@@ -59,7 +59,7 @@ test: style
 	$(MAKE) --no-print-directory --jobs 2 types suite
 
 suite: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest -n 2 -m "not slow" --nbmake tests notebooks
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" --nbmake tests notebooks
 
 # What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases
 # warn of newer ones below them, and pydantic's word the JSON Schema differently from the committed

@@ -205,8 +205,8 @@ def test_only_regular_files(
 
 @pytest.mark.parametrize(
     "how",
-    ["number", "type", "parameter file",
-     *(pytest.param(how, marks=pytest.mark.slow) for how in ("cut", "lost", "swapped"))],
+    ["number", *(pytest.param(how, marks=pytest.mark.slow)
+                 for how in ("type", "parameter file", "cut", "lost", "swapped"))],
 )  # fmt: skip
 def test_a_journal_is_not_believed_blindly(how: str, inside: Path, valve: Log, apart: Run) -> None:
     words = ("batch", "jobs.csv", "-o", "out", "--workers", "1")

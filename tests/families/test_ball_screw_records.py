@@ -157,6 +157,7 @@ def test_noise_of_the_torque_is_in_the_intervals(monkeypatch: pytest.MonkeyPatch
     assert max(widened) > 1.2
 
 
+@pytest.mark.slow
 def test_intervals_hang_little_on_the_draws_of_the_noise(tmp_path: Path) -> None:
     """24 draws, the same for every log, made levels of one bench a tenth too uncertain."""
     attack = find_attack(screw, "noise of the drive", "1e-05 N m, smooth")
@@ -175,6 +176,7 @@ def test_a_covariance_that_rounding_made_uneven_is_written() -> None:
     assert run(attack, 2, 31400159).verdict in ("warn", "fail")
 
 
+@pytest.mark.slow
 def test_a_drive_that_was_rounded_in_the_machine_was_not_wrong_in_the_record() -> None:
     """Every interval of 200 held, six times too wide: the residual would show the rounding."""
     attack = find_attack(screw, "lost rows", "5 % of lines, foh")

@@ -250,6 +250,7 @@ def of_a_noisy_rise(noise: str, repetition: int, seed: int) -> Result:
     return run(find_attack(spring_cylinder, "Stribeck asked for", name), repetition, seed)
 
 
+@pytest.mark.slow
 def test_noise_of_the_speed_does_not_shift_a_rise() -> None:
     """Its error is skew through the curve; Huber's weights took 0.3 standard errors off."""
     found = [of_a_noisy_rise("velocity, 1 mm/s", k, 1618) for k in range(40)]

@@ -132,7 +132,7 @@ def test_noise_of_the_velocity_counts_where_the_rise_is_steep() -> None:
         assert 0.97 < found.parameters[name].std_error / expected < 1.2  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.parametrize("noise", [1e-3, pytest.param(2e-3, marks=pytest.mark.slow)])
 def test_noise_of_the_velocity_is_taken_from_the_rise_of_a_cylinder(noise: float) -> None:
     """Taken as it is, 1 mm/s would add 0.9 standard errors on average, and 1.4 of scatter."""
     law = {**friction.TRUTH, "stribeck": 2.4, "stribeck_speed": 0.01}

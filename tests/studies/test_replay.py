@@ -43,10 +43,12 @@ def test_smoothing_takes_the_error_away_as_the_paper_says() -> None:
     assert left == pytest.approx(1.0 - 0.881, abs=0.03)
 
 
+@pytest.mark.slow
 def test_page_is_the_committed_one(runs: Any) -> None:
     assert (ROOT / "docs" / "evidence" / "replay.md").read_text(encoding="utf-8") == page.page(runs)
 
 
+@pytest.mark.slow
 def test_every_picture_is_drawn_committed_and_shown(runs: Any) -> None:
     drawn = {f"{name}.svg": figure for name, figure in pictures.draw(runs)}
     folder = ROOT / "docs" / "evidence" / "pictures"
