@@ -112,6 +112,8 @@ def _of(
 ) -> Attack:  # fmt: skip
     machine = {k: v for k, v in (recording.get("machine") or {}).items() if k in TRUTH}
     truth = TRUTH | machine
+    # what a spring takes along while the drive crosses the play is no part of what is lost
+    truth["backlash"] *= 1.0 - (recording.get("machine") or {}).get("spring", 0.0)
     rows = recording.get("n", 1000) * recording.get("logs", 2)
     bounds = {"backlash": 2.0 * recording.get("noise", NOISE) / np.sqrt(rows), "ratio": 1e-4}
     units = {r: u for r, u in UNITS.items() if r != "time" or recording.get("timed", True)}

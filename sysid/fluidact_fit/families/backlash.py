@@ -27,13 +27,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import SteppedBlock
-from ..errors import Notice, NotIdentifiedError
+from ..errors import Notice
 from ..estimation.named_model import NamedModel, check_request, make_unknowns
 from ..estimation.noise import noise_floor
 from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis, Slopes
+from ..estimation.reading_errors import (
+    ReadingErrors,
+    allow_for_readings,
+    choose_smoothing,
+    smooth_sharply,
+)
 from ..estimation.recursion import behind_play, clamped
-from ..estimation.sharp_smoothing import ReadingErrors, choose_smoothing, smooth_sharply
+from ..estimation.results import refuse
 from ..experiment import Experiment, FloatArray, Hold, IndexArray
 from ..family import (
     Curve,
@@ -59,8 +65,8 @@ from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maxi
 Values = Mapping[str, Any]
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
-_DRAWS = 12  # of the noise of the drive, to see what it does
-_MATTERS = 0.5  # standard errors
+_LED = 0.5  # of what is left that remains where a play could be negative: the load leads
+_MATTERS = 0.25  # half-widths of the interval by which noise may shift it
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
 
 
@@ -220,7 +226,7 @@ class Backlash(Family[BacklashOptions]):
             [smooth_sharply(x, options.smoothing) for x in drives],
             [e.sampled("load_position") for e in experiments],
         )
-        _refuse_rest(model, experiments[0], request)
+        _refuse_rest(model, variant, experiments[0], request.fixed)
         tried = sorted((model.start(share) for share in _SHARES), key=lambda found: found[1])
         starts = [start for start, _ in tried[:3]]
         size = abs(starts[0]["ratio"])
@@ -238,6 +244,7 @@ class Backlash(Family[BacklashOptions]):
             starts, sensible={"backlash": 0.25 * span},
             idle={"backlash": size * max(map(_way_back, model.drives))},
         )  # fmt: skip
+        _refuse_lead(fitted, variant)
         fitted = _allow_for_readings(model, fitted, experiments, options.smoothing)
         units = experiments[0].units
         parameters, order, matrix = fitted.quantities(variant.parameters, units)
@@ -286,7 +293,10 @@ class Backlash(Family[BacklashOptions]):
     ) -> dict[str, Any]:
         """The play as a controller runs it."""
         v = plant.numbers
-        return {"play": {"half_width": 0.5 * v["backlash"], "ratio": v["ratio"], **_lost_motion(v)}}
+        lost = v["backlash"] / abs(v["ratio"])
+        return {
+            "play": {"half_width": 0.5 * v["backlash"], "ratio": v["ratio"], "lost_motion": lost}
+        }
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Nothing to design; see :meth:`Family.excitation`."""
@@ -334,44 +344,39 @@ def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) ->
 def _allow_for_readings(
     model: PlayModel, fitted: Fitted, experiments: Sequence[Experiment], smoothing: int | None
 ) -> Fitted:
-    """Add what errors of the drive's readings do, smoothed as they are: they are drawn anew."""
-    if "backlash" not in fitted.names:
-        return fitted
+    """Add what errors of the drive's readings do, smoothed as they are; warn of a shift."""
     errors = [ReadingErrors.of(e.sampled("drive_position")) for e in experiments]
-    rng, table = np.random.default_rng(0), np.vstack(fitted.sensitivity())
     ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
-    moved = np.zeros((_DRAWS, len(fitted.names)))
-    for row in moved:
-        change = []
+
+    def change(rng: np.random.Generator) -> list[FloatArray]:
+        """How another reading of the drive moves the load."""
+        out = []
         for x, y, error in zip(model.drives, model.loads, errors):
             right = follow(x, ratio, backlash, y)
             drawn = smooth_sharply(error.draw(x, rng), smoothing)
-            rest = right.path - follow(drawn, ratio, backlash, right.path).path
-            rest[: right.begins] = 0.0
-            rest[right.begins :] -= np.mean(rest[right.begins :]) if right.begins < x.size else 0.0
-            change.append(rest)
-        row[:] = np.linalg.lstsq(table, np.concatenate(change), rcond=None)[0]
-    spread = np.atleast_2d(np.cov(moved.T))
-    out = replace(fitted, covariance=fitted.covariance + spread)
-    k = fitted.names.index("backlash")
-    if spread[k, k] > 0.1 * out.covariance[k, k]:
-        out = replace(out, intervals={})
-    shift, sure = float(moved[:, k].mean()), out.std_error("backlash")
-    if abs(shift) < _MATTERS * sure:
+            moved = follow(drawn, ratio, backlash, right.path).path - right.path
+            moved[: right.begins] = np.mean(moved[right.begins :]) if right.begins < x.size else 0.0
+            out.append(moved - np.mean(moved))
+        return out
+
+    out, shifts = allow_for_readings(fitted, change)
+    if "backlash" not in shifts:
+        return out
+    shift, sure = shifts["backlash"], out.half_width("backlash")
+    if abs(shift) <= _MATTERS * sure:
         return out
     signal = experiments[0].signals["drive_position"]
     noise = signal.text(max(max(e.noise, e.step) for e in errors), ".2g")
     text = (
         f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
         f"backlash comes out about {abs(shift):.2g} too {'wide' if shift > 0.0 else 'narrow'}, "
-        f"{abs(shift) / sure:.1f} standard errors. Record the drive with a cleaner sensor, or "
-        "move faster."
+        f"with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or move faster."
     )
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
 
 
 def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any) -> list[Any]:
-    """Where the drive is in the play, from -1 to 1: a stiff enough spring takes the load along."""
+    """How far the drive is from the middle of the play: a spring takes a share of it along."""
     out = []
     for e in experiments:
         f = _follow(plant, e, e.sampled("load_position"))
@@ -387,34 +392,35 @@ def _way_back(values: FloatArray) -> float:
     return float(min(up.max(), (np.maximum.accumulate(values) - values).max()))
 
 
-def _refuse_rest(model: PlayModel, e: Experiment, request: Request[Any]) -> None:
-    """Refuse logs in which drive or load never move, or the load never moves back.
-
-    Raises
-    ------
-    NotIdentifiedError
-        Naming how far the drive went back.
-    """
-    noise = [_SURE * noise_floor(y) for y in model.loads]
-    drive = e.signals["drive_position"]
-    if not any(np.ptp(y) > least for y, least in zip(model.loads, noise)) or not any(
-        map(np.ptp, model.drives)
+def _refuse_rest(model: PlayModel, variant: Variant, e: Experiment, given: Values) -> None:
+    """Refuse logs in which drive or load never move, or the load never moves back."""
+    if given.get("ratio") == 0.0:
+        refuse(variant.parameter("ratio"), "a drive with a ratio of 0 moves no load.")
+    least = [_SURE * noise_floor(y) for y in model.loads]
+    if not any(map(np.ptp, model.drives)) or all(
+        map(np.less_equal, map(np.ptp, model.loads), least)
     ):
-        raise NotIdentifiedError(
-            "the data cannot determine ratio: the drive or the load does not move in any log.",
-            expected="Nothing was written.",
-            remedy=_BACK,
-        )
-    if "backlash" in request.fixed:
+        refuse(variant.parameter("ratio"), "drive or load rest in every log.")
+    if "backlash" not in given and all(map(np.less_equal, map(_way_back, model.loads), least)):
+        back = e.signals["drive_position"].text(max(map(_way_back, model.drives)))
+        refuse(
+            variant.parameter("backlash"), "in no log does the load go both ways. The drive turns "
+            f"back by {back} at most, which does not cross the play.",
+        )  # fmt: skip
+
+
+def _refuse_lead(fitted: Fitted, variant: Variant) -> None:
+    """Refuse a width of zero that explains little because the load turns back before the drive."""
+    if "backlash" not in fitted.names or fitted.values["backlash"] > 0.0:
         return
-    if not any(_way_back(y) > least for y, least in zip(model.loads, noise)):
-        back = drive.text(max(map(_way_back, model.drives)))
-        raise NotIdentifiedError(
-            "the data cannot determine backlash: in no log does the load go both ways. The drive "
-            f"turns back by {back} at most, which does not cross the play.",
-            expected="Nothing was written.",
-            remedy=f"Move the drive back by much more than {back}, slowly, several times.",
-        )
+    k, found = fitted.names.index("backlash"), fitted.solution
+    table, rest = np.vstack(found.jacobian), np.concatenate(found.residuals)
+    free = np.linalg.lstsq(table, rest, rcond=None)[0]
+    if free[k] < 0.0 and np.sum((rest - table @ free) ** 2) < _LED * np.sum(rest**2):
+        refuse(
+            variant.parameter("backlash"), "the load turns back before the drive does. Are the two "
+            "taken for each other, or is the drive recorded late?",
+        )  # fmt: skip
 
 
 # --------------------------------------------------------------------- what a controller runs
@@ -487,7 +493,7 @@ class BacklashBlock(SteppedBlock):
         load = self.argument("load_position", "wanted position of the load")
         way = Argument("direction", "1", "1 pushed up, -1 down, 0 amid the play", -1.0, 1.0)
         step = Draft("step", "Load behind the play, which is kept between calls.", load.unit)
-        u = step.let("free", step.argument(drive) * ratio)
+        u = step.let("pushed", step.argument(drive) * ratio)
         path, begun = step.state("path"), step.state("begun")
         step.put(path, choose(begun, ">", 0.0, minimum(maximum(path, u - half), u + half), u))
         step.put(begun, 1.0)
@@ -499,11 +505,11 @@ class BacklashBlock(SteppedBlock):
         there.put(last, wanted)
         there.put(known, 1.0)
         at = Draft("load_at", "Load on a side of the play.", load.unit)
-        free, pushed = at.argument(drive) * ratio, by_sign(at.argument(way), half, -half)
+        moved, pushed = at.argument(drive) * ratio, by_sign(at.argument(way), half, -half)
         back = Draft("drive_at", "Drive that holds a load on a side of the play.", drive.unit)
         y, pushing = back.argument(load), by_sign(back.argument(way), half, -half)
         per = constant("per_ratio", 1.0 / v["ratio"])
         return (
             step.returns(path + offset), there.returns((wanted - offset + side) * per),
-            at.returns(free + offset - pushed), back.returns((y - offset + pushing) * per),
+            at.returns(moved + offset - pushed), back.returns((y - offset + pushing) * per),
         )  # fmt: skip

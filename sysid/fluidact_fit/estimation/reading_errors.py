@@ -1,4 +1,4 @@
-"""Noise of a measured position taken away without rounding its reversals.
+"""Errors of a position's readings: taken away without rounding its reversals, or allowed for.
 
 Parabolas over windows of equal width: about each sample or, where others that hold it fit far
 better, before or after it [1]_. What the smoothing leaves of the noise is seen by drawing it anew.
@@ -11,19 +11,22 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..experiment import FloatArray
 from ..rows import blocks
 from .noise import common_step, white_noise
+from .parametric import Fitted
 
 _WINDOWS = (6, 12, 24)  # samples on either side that are tried
 _UNLIKE_WHITE = 1.4  # times the white noise that the narrowest windows leave: codes are not white
 _AS_NOISY = 1.1  # times what narrower windows leave, up to which wider ones miss no motion
 _MISSED = 5.0  # times what windows leave, by which a smooth curve misses a reading at most
+_DRAWS = 12  # of the errors of a record
+_COUNTS = 0.1  # of a variance, from which on a profile of the cost says too little
 _CODES = 3.0  # steps of a converter that a motion goes at once, unless it was commanded in them
 
 
@@ -77,27 +80,62 @@ def _smoothed(values: FloatArray, half: int) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True)
 class ReadingErrors:
-    """Errors of a position sensor as a record shows them: white ``noise``, ``step`` of codes."""
+    """White ``noise`` and ``step`` of the codes that ``readings``, shape ``(n,)``, show."""
 
+    readings: FloatArray
     noise: float
     step: float
 
     @classmethod
-    def of(cls, values: FloatArray) -> ReadingErrors:
+    def of(cls, readings: FloatArray) -> ReadingErrors:
         """Errors of a record; a motion that was commanded in equal steps has none."""
-        steps = np.diff(values)
+        steps = np.diff(readings)
         steps = np.abs(steps[steps != 0.0])
-        step, noise = common_step(steps), white_noise(values)
-        coded = step > noise and np.median(steps) >= _CODES * step
-        return cls(noise, step if steps.size and coded else 0.0)
+        step, noise = common_step(steps), white_noise(readings)
+        coded = steps.size and step > noise and np.median(steps) >= _CODES * step
+        return cls(readings, noise, step if coded else 0.0)
 
     def draw(self, smooth: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Other readings of a smooth motion, shape ``(n,)``."""
         if not self.step:
             return smooth + self.noise * rng.standard_normal(smooth.size)
-        if self.noise:
-            begin = rng.uniform(0.0, self.step)
-            return np.asarray(np.round((smooth - begin) / self.step) * self.step + begin)
-        # so many whole codes from sample to sample: all samples of a stroke share their error
-        error = self.step * rng.uniform(-0.5, 0.5, 2)
-        return smooth + error[(np.gradient(smooth) > 0.0).astype(int)]
+        if not self.noise:
+            # so many whole codes from sample to sample: all samples of a stroke share their error
+            error = self.step * rng.uniform(-0.5, 0.5, 2)
+            return smooth + error[(np.gradient(smooth) > 0.0).astype(int)]
+        if smooth is self.readings:  # other codes of codes would be the same
+            return smooth + self.step * rng.uniform(-0.5, 0.5, smooth.size)
+        begin = rng.uniform(0.0, self.step)
+        return np.asarray(np.round((smooth - begin) / self.step) * self.step + begin)
+
+
+def allow_for_readings(
+    fitted: Fitted, change: Callable[[np.random.Generator], Sequence[FloatArray]]
+) -> tuple[Fitted, dict[str, float]]:
+    """Add to a covariance what errors of an input's readings do, beyond what residuals show.
+
+    Parameters
+    ----------
+    change
+        How the output of every run changes with errors that are drawn anew, shape ``(n,)`` each,
+        unknowns of single runs projected out.
+
+    Returns
+    -------
+    The fit, and by how much its estimates are shifted in the mean, by name; intervals that were
+    profiled are dropped where the errors count.
+    """
+    if not fitted.names:
+        return fitted, {}
+    rng, table = np.random.default_rng(0), np.vstack(fitted.sensitivity())
+    # a model that lies higher by so much has estimates that make up for it
+    moved = -np.array([
+        np.linalg.lstsq(table, np.concatenate(change(rng)), rcond=None)[0] for _ in range(_DRAWS)
+    ])  # fmt: skip
+    spread = np.atleast_2d(np.cov(moved.T))
+    total = fitted.covariance + spread
+    counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
+    out = replace(
+        fitted, covariance=total, intervals={} if counts else fitted.intervals
+    )  # fmt: skip
+    return out, dict(zip(fitted.names, moved.mean(axis=0).tolist()))
