@@ -99,13 +99,13 @@ class ReadingErrors:
         """Other readings of a smooth motion, shape ``(n,)``."""
         if not self.step:
             return smooth + self.noise * rng.standard_normal(smooth.size)
+        # strokes of one speed meet codes in a pattern: all samples of one share the error of that
+        stroke = (np.gradient(smooth) > 0.0).astype(int)
         if not self.noise:
-            # so many whole codes from sample to sample: all samples of a stroke share their error
-            error = self.step * rng.uniform(-0.5, 0.5, 2)
-            return smooth + error[(np.gradient(smooth) > 0.0).astype(int)]
+            return smooth + self.step * rng.uniform(-0.5, 0.5, 2)[stroke]
         if smooth is self.readings:  # other codes of codes would be the same
             return smooth + self.step * rng.uniform(-0.5, 0.5, smooth.size)
-        begin = rng.uniform(0.0, self.step)
+        begin = self.step * rng.uniform(0.0, 1.0, 2)[stroke]
         return np.asarray(np.round((smooth - begin) / self.step) * self.step + begin)
 
 

@@ -369,8 +369,9 @@ def _allow_for_readings(
     noise = signal.text(max(max(e.noise, e.step) for e in errors), ".2g")
     text = (
         f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
-        f"backlash comes out about {abs(shift):.2g} too {'wide' if shift > 0.0 else 'narrow'}, "
-        f"with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or move faster."
+        f"backlash comes out too {'wide' if shift > 0.0 else 'narrow'} by {abs(shift):.2g} or "
+        f"more, with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or move "
+        "faster."
     )
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
 
