@@ -348,12 +348,12 @@ class Estimator:
 
     def _bounded(self, a: FloatArray, x: FloatArray, start: FloatArray) -> FloatArray:
         """The solution within the limits, shape ``(p,)``; equal limits hold an unknown."""
-        from scipy.optimize import lsq_linear
-
         ends = [self.limits.get(n, (-np.inf, np.inf)) for n in self.names]
         low, high = (np.array(e) - start for e in zip(*ends))
         if not np.any((x < low) | (x > high)):
             return x
+        from scipy.optimize import lsq_linear
+
         scale = _lengths(a)
         root = np.asarray(np.linalg.qr(a / scale, mode="r"))
         y, low, high = root @ (scale * x), low * scale, high * scale

@@ -138,7 +138,7 @@ class SpringCylinder(Family[SpringOptions]):
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
-            represented=_simulate_represented if found.instrumented else None,
+            represented=_Nearby(runs, settled, True) if found.instrumented else None,
             notices=[*fit.notices, *_remarks(fit, variant)],
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
@@ -240,10 +240,14 @@ def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulate
 
 @dataclass(frozen=True)
 class _Nearby:
-    """The force of the runs that were fitted, without preparing them again."""
+    """The force of the runs that were fitted, without preparing them again.
+
+    With ``instruments`` in place of noisy columns; see :attr:`.NoiseModel.instruments`.
+    """
 
     runs: Sequence[Run]
     options: SpringOptions
+    instruments: bool = False
 
     def __call__(
         self, plant: Plant[SpringOptions], experiments: Sequence[Experiment]
@@ -252,15 +256,7 @@ class _Nearby:
         runs = [known[id(e)] for e in experiments if id(e) in known]
         if len(runs) < len(experiments) or plant.options != self.options:
             runs, _ = prepare(plant.variant, experiments, plant.options)
-        return _simulate(plant, runs)
-
-
-def _simulate_represented(
-    plant: Plant[SpringOptions], experiments: Sequence[Experiment]
-) -> list[Simulated]:
-    """The force by the instruments of noisy columns; see :attr:`.NoiseModel.instruments`."""
-    runs, _ = prepare(plant.variant, experiments, plant.options)
-    return _simulate(plant, [d.instrumented for d in runs])
+        return _simulate(plant, [d.instrumented for d in runs] if self.instruments else runs)
 
 
 _EQUAL = (
