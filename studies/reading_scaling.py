@@ -45,12 +45,12 @@ SIZES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
 LIMIT = 5.0  # s of the processor for one size
 _STEP = math.sqrt(10.0)  # from one size to the next
 _ENOUGH = 0.2  # s; a size of which more is to be expected is not tried
-_MEASURABLE = 0.02  # s
+_MEASURABLE = 0.1  # s; shorter ones tell the state of the machine
 _TOGETHER = 100  # patterns that one process times
 # What an error that is none of the program's own ends a process with.
 _NAMES = ("", "error", "ValueError", "TypeError", "IndexError", "KeyError", "RecursionError",
           "MemoryError", "AttributeError", "OverflowError", "AssertionError")  # fmt: skip
-_LEAST = 0.005  # s, of a time that counts for the exponent
+_LEAST = 0.02  # s, of a time that counts for the exponent
 
 SIGNS = " \t\f\v\r\"'`,;:.|+-*/\\^_=<>()[]{}#%&!?@~$§°µ0aeEN1\x1f\u00a0\u2028é"
 PAIRS = (
