@@ -31,7 +31,7 @@ def solution(later: int = 1, noisy: bool = False) -> Solution:
                 for e in runs]  # fmt: skip
 
     inputs = {"torque": NoiseLevel(1.0)} if noisy else {}
-    noise = NoiseModel(np.zeros((0, 0)), 1, inputs=inputs)
+    noise = NoiseModel(np.zeros((0, 0)), inputs=inputs)
     options = get_family("ball-screw").options_type()
     return Solution(VARIANT, {}, (), [], noise, options, simulate, True)
 

@@ -26,6 +26,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
+from fluidact_fit.assessment.policy import POLICY
 from fluidact_fit.control import controller_file as controllers
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.export import TARGETS, get_target, make_job
@@ -238,6 +239,12 @@ def warnings() -> str:
 def _codes_table(codes: Mapping[str, Code]) -> str:
     rows = [(_code(name), code.severity, code.meaning, code.remedy) for name, code in codes.items()]
     return table(("code", "severity", "what it means", "what to do"), rows)
+
+
+def thresholds() -> str:
+    """Every threshold of the examination."""
+    rows = [(_code(n), f"{t.value:g}", t.meaning, t.evidence) for n, t in POLICY.items()]
+    return _paragraphs(table(("threshold", "value", "what it is", "study or test behind it"), rows))
 
 
 # ------------------------------------------------------------------------------- the file

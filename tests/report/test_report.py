@@ -76,7 +76,7 @@ def make(
     family = get_family("line")
     options = family.options_type()
     logs = [s.experiment for s in fitted]
-    noise, names = NoiseModel(covariance, 100), ("gain", "time_constant")
+    noise, names = NoiseModel(covariance), ("gain", "time_constant")
     estimate = make_solution(family.simulate, logs, variant, options, parameters, names, noise)
     document = {
         "format": "fluidact-parameters",

@@ -26,7 +26,7 @@ from ..estimation.solution import FittedRun, differences
 from ..estimation.whitening import Whitening
 from ..experiment import Experiment, FloatArray
 from ..outcome import Simulation
-from .noise_treatment import Regression, solve_triangle
+from .noise_treatment import TermRegression, solve_triangle
 from .optimum import Optimum, make_optimum
 
 _DRAWS = 3  # of the noise
@@ -124,7 +124,7 @@ class CorrectedScore:
         found = self.products(columns)
         return (found.triangle, found.rows) if found.finite else None
 
-    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
         """As of :class:`.NoiseTreatment`; the error allows for noise in the columns."""
         products = self.products(columns)
         if not products.finite or products.weak:

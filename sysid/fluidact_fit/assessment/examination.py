@@ -1,8 +1,8 @@
 """The examination of a finished fit: every test, one after the other, for whatever fitted it.
 
-The verdict is made of its warnings (:mod:`.verdict`). To test a fit for one more term, add it to
-the table (:mod:`.terms`); to add another kind of test, add it here; every threshold stands in
-:mod:`.policy`.
+Its warnings, all others, and how well the model fits make the verdict (:mod:`.verdict`). To test a
+fit for one more term, add it to the table (:mod:`.terms`); to add another kind of test, add it
+here; every threshold stands in :mod:`.policy`.
 """
 
 from __future__ import annotations

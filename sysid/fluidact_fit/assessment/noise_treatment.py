@@ -1,8 +1,8 @@
 """Regression of the residual on the derivatives of a fit and further columns.
 
-Every solution says what its noise is (:class:`.NoiseModel`); each kind has one class here that
-answers the same question: which changes of the parameters, and which size of one more column, does
-the residual ask for? Theory: ``docs/theory/score-test.md``.
+Every solution says what its noise is (:class:`.NoiseModel`); each kind has one class that answers
+the same question, two here and one in :mod:`.corrected_score`: which changes of the parameters, and
+which size of one more column, does the residual ask for? Theory: ``docs/theory/score-test.md``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ASIDE = 12, 24  # rows; farther than a velocity is computed from
 
 
 @dataclass(frozen=True)
-class Regression:
+class TermRegression:
     """What the residual asks for.
 
     Attributes
@@ -51,7 +51,7 @@ class Regression:
 class NoiseTreatment(Protocol):
     """Regression of the residual of a fit that allows for its noise."""
 
-    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
         """Regress on the derivatives and one column; ``None`` where nothing can be said."""
         ...
 
@@ -60,7 +60,7 @@ class NoiseTreatment(Protocol):
         ...
 
 
-def solve_triangle(triangle: FloatArray, rows: int) -> Regression | None:
+def solve_triangle(triangle: FloatArray, rows: int) -> TermRegression | None:
     """Regression by a triangle ``(p + 2, p + 2)`` of derivatives, column and residual."""
     columns, target = triangle[:, :-1], triangle[:, -1]
     last = columns.shape[1] - 1
@@ -72,7 +72,7 @@ def solve_triangle(triangle: FloatArray, rows: int) -> Regression | None:
     error = left / np.sqrt(max(rows - columns.shape[1], 1)) / own if own else np.inf
     along = -scaled_least_squares(columns[:last, :-1], columns[:last, last])
     distinct = bool(own) and own >= policy.DIRECTION_LEFT * whole
-    return Regression(x[:-1], float(x[-1]), error, along, distinct)
+    return TermRegression(x[:-1], float(x[-1]), error, along, distinct)
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Whitened:
             return None
         return np.asarray(np.linalg.qr(table.whitened, mode="r")), table.rows
 
-    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
         """As of :class:`NoiseTreatment`."""
         found = self.triangle(columns)
         return None if found is None else solve_triangle(*found)
@@ -211,7 +211,7 @@ class Instrumented:
         """Nothing: several directions at once would be those of the noise."""
         return
 
-    def regress(self, columns: Sequence[FloatArray]) -> Regression | None:
+    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
         """As of :class:`NoiseTreatment`."""
         table = _with_columns(self.augmented, columns)
         aside = self.stand_ins or [_aside(c) for c in columns]
@@ -231,7 +231,7 @@ class Instrumented:
         error = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
         along = -scaled_least_squares(projected[:, :-1], design[:, -1])
         distinct = own >= policy.DIRECTION_LEFT * whole > 0.0
-        return Regression(x[:-1], float(x[-1]), error, along, distinct)
+        return TermRegression(x[:-1], float(x[-1]), error, along, distinct)
 
 
 def _with_columns(

@@ -32,7 +32,7 @@ from .noise_treatment import (
     AugmentedJacobian,
     Instrumented,
     NoiseTreatment,
-    Regression,
+    TermRegression,
     Whitened,
 )
 
@@ -171,7 +171,7 @@ class Optimum:
 
     def regress(
         self, columns: Sequence[FloatArray], stand_ins: Sequence[FloatArray] = ()
-    ) -> Regression | None:
+    ) -> TermRegression | None:
         """Regress the residual on the derivatives and one more column of every series.
 
         ``stand_ins`` are that column without noise of inputs, where that is known.

@@ -1,7 +1,7 @@
 """Thresholds of the examination: when a warning is raised, in one table.
 
-Every other module of the package reads its thresholds from here. Tolerances of an algorithm stand
-beside the algorithm.
+Those of warnings that a family or an estimator gives stand in their modules, as do the tolerances
+of algorithms.
 """
 
 from __future__ import annotations

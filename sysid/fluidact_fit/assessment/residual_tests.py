@@ -17,7 +17,7 @@ from ..options import describe
 from ..outcome import Simulation, sum_of_squares
 from . import policy
 
-_LAGS = 10
+_LAGS = 10  # samples before and after, over which input and residual are correlated
 _PAST = 20  # highest order of an autoregression of input or residual
 _SERIES = 50_000  # samples of a run that are correlated
 

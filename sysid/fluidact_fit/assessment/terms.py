@@ -1,7 +1,8 @@
 """The table of terms: everything that a model may lack, as directions of the output.
 
-To examine a fit for something else, add a generator here; to examine one family for something,
-declare it in :meth:`.Family.unmodelled_effects`. Every term is judged alike
+To examine every fit for something else, add a generator here and yield from it in
+:func:`terms_over_time` or :func:`terms_at_any_time`; to examine one family for something, declare
+it in :meth:`.Family.unmodelled_effects`. Every term is judged alike
 (:mod:`.score_test`).
 """
 
@@ -30,8 +31,8 @@ _SAMPLED = 2.0  # ratio of the changes by a whole sample and a tenth, up to whic
 _ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
 _PART = 0.01  # of its range, by which a channel is bowed, and most play of one
 _PLACES = 9  # over the range of an input, between which its characteristic is straight
-_NARROW = 0.001  # of its range, of which play is: wider, it begins late after a reversal
-_ABOVE = 6.0  # times its noise, of which it has to be: narrower, it follows the noise
+_NARROW = 0.001  # of its range, width of the play tried: a wider one starts late
+_ABOVE = 6.0  # times its noise at least: a narrower one follows the noise
 _CLOCK = "Check that one clock stamps all channels; look for delays of filters, buses and valves."
 _LAG = (
     "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
@@ -256,8 +257,8 @@ def _delay(at: Optimum, role: str, step: float) -> Term:
 def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
     """Change of the output per second that an input comes later.
 
-    A model that reads a held input at its samples sees nothing of a shift by part of a sample
-    but a whole one. Half the difference of a delay and a lead by one sample is then the
+    A model that reads a held input at its samples takes a shift by part of a sample for one by
+    a whole sample. Half the difference of a delay and a lead by one sample is then the
     derivative; as with :func:`_behind`, noise of the input does not tell it from the residual.
     """
     runs = at.experiments

@@ -1,4 +1,5 @@
-"""Damped Gauss-Newton iteration for least squares within bounds: the one loop of all fits.
+"""Damped Gauss-Newton iteration for least squares within bounds: the loop of every
+nonlinear search.
 
 Minimises ``|r(x)|**2`` over ``low <= x <= high`` for residuals ``r = measured - model(x)`` by
 Levenberg-Marquardt steps [1]_,

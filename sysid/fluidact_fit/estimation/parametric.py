@@ -44,7 +44,8 @@ class Fitted(Solved):
     Attributes
     ----------
     order
-        Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`.
+        Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`; below 0
+        the rows are not samples of the output alone, and :meth:`sensitivity` is empty.
     factors
         Weights by log that made its residuals as large as those of the others.
     logs
@@ -70,7 +71,7 @@ class Fitted(Solved):
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
         if self.order < 0:
-            return []  # the rows are not samples of the output alone
+            return []  # or the score was corrected for noise of an input
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
         parts = self.solution.jacobian

@@ -278,7 +278,7 @@ class Response(Generic[T]):
             jacobians = [j / np.reshape(w, (-1, 1)) for j, w in zip(jacobians, weights)]
         return make_solution(
             simulate, experiments, variant, options, parameters, names,
-            NoiseModel(covariance, fitted.degrees, fitted.independent, fitted.input_noise),
+            NoiseModel(covariance, fitted.independent, fitted.input_noise),
             jacobians=[{output: j} for j in jacobians], derived=derived,
             notices=[*fitted.notices, *drift, *notices], details=details,
         )  # fmt: skip

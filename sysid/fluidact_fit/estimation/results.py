@@ -1,7 +1,7 @@
 """From numbers to the entries of a file: refusals, parameters with intervals, derived numbers.
 
-Every family ends its fit here, however it solved it: by nonlinear search, by regression or by
-flow balances.
+Every fit of named numbers ends here, however it was solved: by nonlinear search, by regression or
+by flow balances.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Solution of a fit: the one type that every estimator returns and every examination reads."""
+"""Solution of a fit: what :meth:`.Family.estimate` returns and every examination reads."""
 
 from __future__ import annotations
 
@@ -40,8 +40,6 @@ class NoiseModel:
     covariance
         Of the estimated values, in the order of :attr:`Solution.names`, shape ``(p, p)``
         [product of the units]; empty where there is none.
-    degrees
-        Its degrees of freedom.
     independent
         How many independent samples would show the size of the errors as well as the residuals
         that the covariance was made of; infinite where those are white or more is known of them.
@@ -57,7 +55,6 @@ class NoiseModel:
     """
 
     covariance: FloatArray
-    degrees: int
     independent: float = np.inf
     inputs: Mapping[str, NoiseLevel] = field(default_factory=dict)
     instruments: Sequence[FloatArray] = ()

@@ -35,7 +35,8 @@ _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 class Uncertainty:
     """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
-    ``order`` is that of the autoregression that the residuals were taken for (0: white).
+    ``order`` is that of the autoregression that the residuals were taken for (0: white; -1: the
+    covariance was taken from the scores).
     As many as ``independent`` samples with independent errors would show the size of the errors
     as well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
     """
@@ -307,7 +308,7 @@ def covariance(
     if robust and whole and codes_matter(jacobian, readings, bread, total, float(sigma)):
         step = max(step for _, step in readings)
         noise = max(sigma**2 - step**2 / 12.0, 0.0)
-        # what the machine is like nobody knows
+        # whether it is symmetric is not known: both are tried, the larger counts
         middles = (
             code_errors(
                 jacobian, residuals, readings, bread, noise,

@@ -15,7 +15,7 @@ _SOFT = 0.03  # of the range of a command, over which an edge is tried to open
 
 
 def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> UnmodelledEffect:
-    """A dead zone whose edges open by and by, as those of a spool with notches do.
+    """A dead zone whose edges open gradually, as those of a spool with notches do.
 
     Beyond the edge ``a`` the effective command is ``r ln(1 + exp((u - a) / r))`` in place of
     ``max(u - a, 0)``, ``r`` a small part of the range: the largest change is ``r ln 2``, at the
@@ -23,7 +23,7 @@ def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Unmo
     """
     return UnmodelledEffect(
         "soft edges of the dead zone",
-        f"'{role}' acts by and by, not all at once, where it leaves the dead zone",
+        f"'{role}' acts gradually, not at once, where it leaves the dead zone",
         "Edges and slope beside them depend on the shape that is supposed: use them within the "
         "commands of the logs only, or fit commands far from the edges by themselves.",
         partial(_softened, plant, role, edges),

@@ -65,7 +65,7 @@ from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maxi
 Values = Mapping[str, Any]
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
-_LED = 0.5  # of what is left that remains where a play could be negative: the load leads
+_LED = 0.5  # of the squared residual: what a negative play leaves at most where the load leads
 _MATTERS = 0.25  # half-widths of the interval by which noise may shift it
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
 
@@ -106,8 +106,9 @@ def follow(
 ) -> Followed:
     """Let a load follow a drive, shape ``(n,)`` each.
 
-    It begins amid the play or, where it was recorded, in the state that explains the record best:
-    pushed from either side, at once or later. The play forgets that state once it was crossed.
+    It begins in the middle of the play or, where it was recorded, in the state that explains the
+    record best: pushed from either side, at once or later. The play forgets that state once it was
+    crossed.
     """
     u, half = ratio * drive, 0.5 * backlash
     now = np.arange(u.size)
@@ -251,7 +252,7 @@ class Backlash(Family[BacklashOptions]):
         logs, notices = fitted.compare_logs(experiments)
         return make_solution(
             self.simulate, experiments, variant, options, parameters, order,
-            NoiseModel(matrix, fitted.degrees, fitted.independent),
+            NoiseModel(matrix, fitted.independent),
             jacobians=[{"load_position": j} for j in fitted.sensitivity()],
             derived=fitted.derive({"lost_motion": units["drive_position"]}, _lost_motion),
             notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
@@ -300,7 +301,9 @@ class Backlash(Family[BacklashOptions]):
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Nothing to design; see :meth:`Family.excitation`."""
-        return Excitation("none", "any slow strokes both ways, far longer than the play, tell it")
+        return Excitation(
+            "none", "any slow strokes in both directions, far longer than the play, will do"
+        )
 
     def static_view(
         self,
@@ -401,7 +404,7 @@ def _refuse_rest(model: PlayModel, variant: Variant, e: Experiment, given: Value
     if not any(map(np.ptp, model.drives)) or all(
         map(np.less_equal, map(np.ptp, model.loads), least)
     ):
-        refuse(variant.parameter("ratio"), "drive or load rest in every log.")
+        refuse(variant.parameter("ratio"), "the drive or the load rests in every log.")
     if "backlash" not in given and all(map(np.less_equal, map(_way_back, model.loads), least)):
         back = e.signals["drive_position"].text(max(map(_way_back, model.drives)))
         refuse(
@@ -420,7 +423,7 @@ def _refuse_lead(fitted: Fitted, variant: Variant) -> None:
     if free[k] < 0.0 and np.sum((rest - table @ free) ** 2) < _LED * np.sum(rest**2):
         refuse(
             variant.parameter("backlash"), "the load turns back before the drive does. Are the two "
-            "taken for each other, or is the drive recorded late?",
+            "columns swapped, or is the drive recorded late?",
         )  # fmt: skip
 
 
@@ -432,14 +435,14 @@ class BacklashBlock(SteppedBlock):
 
     :meth:`step` and :meth:`drive_for` each keep their own side of the play, call by call. Where
     the side is known, calling the block and :meth:`inverse` take it: ``direction`` is 1 where the
-    drive pushes upwards, as the load counts, -1 downwards, 0 amid the play.
+    drive pushes upwards, as the load counts, -1 downwards, 0 in the middle of the play.
     """
 
     def _begin(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget both sides: the next step finds the load amid the play."""
+        """Forget both sides: the next step finds the load in the middle of the play."""
         self._path: float | None = None
         self._wanted, self._side = np.nan, 0.0
 
@@ -467,7 +470,7 @@ class BacklashBlock(SteppedBlock):
         """Drive that takes the load to the next wanted position: the right inverse of the play.
 
         It crosses the play where the wanted position turns back, and stays on its side while that
-        rests; amid the play until it has moved.
+        rests; in the middle of the play until it has moved.
         """
         wanted = self.sample("load_position", load_position)
         if wanted != self._wanted:
@@ -492,7 +495,9 @@ class BacklashBlock(SteppedBlock):
         half, ratio = constant("half_width", 0.5 * v["backlash"]), constant("ratio", v["ratio"])
         drive = self.argument("drive_position", "position of the drive")
         load = self.argument("load_position", "wanted position of the load")
-        way = Argument("direction", "1", "1 pushed up, -1 down, 0 amid the play", -1.0, 1.0)
+        way = Argument(
+            "direction", "1", "1 pushed up, -1 down, 0 in the middle of the play", -1.0, 1.0
+        )
         step = Draft("step", "Load behind the play, which is kept between calls.", load.unit)
         u = step.let("pushed", step.argument(drive) * ratio)
         path, begun = step.state("path"), step.state("begun")

@@ -236,7 +236,7 @@ class FlowMap(Family[FlowMapOptions]):
         slopes = [{"flow": j} for j in data.by_log(found.jacobian)]
         return make_solution(
             self.simulate, experiments, variant, options, parameters, order,
-            NoiseModel(matrix, found.solved.degrees, found.solved.independent),
+            NoiseModel(matrix, found.solved.independent),
             jacobians=slopes,
             notices=[*found.notices, *_notices(found, experiments[0].units["flow"], most)],
             details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
@@ -326,18 +326,17 @@ def _starts(u: FloatArray, q: FloatArray, held: Mapping[str, float]) -> list[dic
 
 def _never_recorded(u: FloatArray, q: FloatArray) -> list[Refusal]:
     """Refuse the numbers of a side to which the command never goes."""
-    out, ends = [], []
+    out, recorded = [], False
     for side, sign in SIDES:
-        beyond, end = int(np.count_nonzero(sign * u > 0.0)), float((sign * u).max())
-        if beyond < 3:
+        if np.count_nonzero(sign * u > 0.0) < 3:
             reason = f"the command is never {side}."
             out += [
                 Refusal(f"{name}_{side}", reason, hold)
                 for name, hold in (("dead_band", 0.0), ("gain", 0.0), ("saturation", 0.0))
             ]
         else:
-            ends.append(end)
-    if not ends or np.ptp(q) == 0.0:
+            recorded = True
+    if not recorded or np.ptp(q) == 0.0:
         raise NotIdentifiedError(
             "the data cannot determine any gain: command or flow never changes.",
             expected="Nothing was written.",

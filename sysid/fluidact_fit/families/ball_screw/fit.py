@@ -150,7 +150,7 @@ def _finish(
         replace(request.options, compared="derivatives" if beyond else "position"),
         parameters,
         order,
-        NoiseModel(covariance, solved.degrees),
+        NoiseModel(covariance),
         jacobians=[{variant.output.name: j} for j in fitted.sensitivity()],
         derived=derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit),
         notices=notices,

@@ -194,7 +194,7 @@ class CylinderFriction(Family[FrictionOptions]):
             "stroke_ends": smooth - count_kept(fit.data),
         }
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
-        noise = NoiseModel(matrix, fit.solved.degrees, fit.solved.independent)
+        noise = NoiseModel(matrix, fit.solved.independent)
         return make_solution(
             self.simulate, experiments, variant, fit.options, parameters, order, noise,
             derived=fit.derived(), notices=notices, details=fit_details(fit, counts),

@@ -124,7 +124,7 @@ class ForceMap(Family[ForceMapOptions]):
             options,
             file_parameters(fit),
             (),  # no covariance: what the weights of a network are, others may be as well
-            NoiseModel(np.zeros((0, 0)), int(fit.data.used.sum())),
+            NoiseModel(np.zeros((0, 0))),
             notices=[
                 *data_notices(fit.data),
                 *certificate_notice(certificate, fit.data, options.driver, options.target),

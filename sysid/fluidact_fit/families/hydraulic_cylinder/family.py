@@ -280,7 +280,7 @@ def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
     )
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,
-        NoiseModel(matrix, first.degrees), derived={**friction_levels(case), **gains},
+        NoiseModel(matrix), derived={**friction_levels(case), **gains},
         notices=notices,
         details={
             "method": "flow balance over windows",

@@ -228,7 +228,7 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,
-        NoiseModel(matrix, solved.degrees), jacobians=_slopes(solution),
+        NoiseModel(matrix), jacobians=_slopes(solution),
         simulate_near=Nearby(solution), derived={**gains, **_resonance(case, solved)},
         notices=notices,
         details={

@@ -135,7 +135,7 @@ class Potentiometer(Family[PotentiometerOptions]):
             replace(options, degree=str(found.model.degree), monotone=monotone, dead_band=band),
             {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
             order,
-            NoiseModel(matrix, found.spread.degrees, found.spread.independent),
+            NoiseModel(matrix, found.spread.independent),
             derived=derived_quantities(found, scaled),
             notices=[*notices, *found.notices],
             details=fit_details(found, scaled),

@@ -134,7 +134,7 @@ class SpringCylinder(Family[SpringOptions]):
             )
         settled = replace(options, spike=found.limit)
         noisy = input_noise(variant, runs) if found.instrumented else {}
-        noise = NoiseModel(matrix, solved.degrees, solved.independent, noisy)
+        noise = NoiseModel(matrix, solved.independent, noisy)
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
