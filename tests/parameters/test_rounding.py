@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fluidact_fit.parameters.rounding import (
-    errors_alone,
-    round_covariance,
-    round_numbers,
-    round_quantity,
-)
+from fluidact_fit.parameters.rounding import round_covariance, round_numbers, round_quantity
 from fluidact_fit.specification import Quantity
 
 SIZES = st.floats(1e-30, 1e30)
@@ -41,19 +36,6 @@ def test_digits_are_those_of_the_error() -> None:
 def test_what_was_given_stays_as_it_is() -> None:
     given_ = Quantity(0.123456789012345, "m", "fixed")
     assert round_quantity(given_) == given_
-
-
-def test_of_two_values_whose_sum_is_known_neither_is_rounded_coarsely() -> None:
-    jacobian = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-3]])
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
-    alone = errors_alone(covariance)
-    assert alone == pytest.approx(1.0 / np.linalg.norm(jacobian, axis=0), rel=1e-6)
-    found = round_quantity(Quantity(1234.56789012, "N", "estimated", 1414.0), alone[0])
-    assert abs(found.number - 1234.56789012) < 1e-4 * alone[0]
-
-
-def test_an_unknown_value_leaves_the_others_their_digits() -> None:
-    assert errors_alone(np.diag([4.0, np.inf])).tolist() == [2.0, np.inf]
 
 
 def test_entries_of_a_list_are_rounded_one_by_one() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, all_of, is_finite, where_finite
 from ..options import FamilyOptions
-from ..parameters.rounding import errors_alone, round_covariance, round_quantity
+from ..parameters.rounding import round_covariance, round_quantity
 from ..rows import BLOCK_ROWS, by_rows
 from ..specification import (
     NoiseLevel,
@@ -199,7 +199,7 @@ def make_solution(
     """
     near = simulate_near or simulate
     # all that follows is computed from the numbers that are written
-    parameters = _rounded(parameters, names, noise.covariance)
+    parameters = {name: round_quantity(q) for name, q in parameters.items()}
     derived = {name: round_quantity(q) for name, q in (derived or {}).items()}
     noise = replace(noise, covariance=round_covariance(noise.covariance))
     plant = Plant(variant, {name: q.value for name, q in parameters.items()}, options)
@@ -252,19 +252,6 @@ def differences(
                 change = np.nan_to_num(change, nan=0.0, posinf=np.inf, neginf=-np.inf)
             j[:, k] = change / (2.0 * step)
         del ends, up, down  # of a long log not to be kept beside the next
-    return out
-
-
-def _rounded(
-    parameters: Mapping[str, Quantity], names: Sequence[str], covariance: FloatArray
-) -> dict[str, Quantity]:
-    """The values as they are written: rounding one of them alone changes nothing in the model."""
-    alone = dict(zip(names, errors_alone(covariance))) if covariance.size else {}
-    out = {}
-    for name, q in parameters.items():
-        shape = np.shape(q.value)
-        entries = [f"{name}[{k}]" for k in range(int(np.prod(shape)))] if shape else [name]
-        out[name] = round_quantity(q, np.reshape([alone.get(e, np.inf) for e in entries], shape))
     return out
 
 

@@ -81,7 +81,8 @@ def _free_responses(
         own = np.asarray(responses(e))
         table = np.zeros((own.shape[0], len(names), own.shape[1]))
         table[:, names.index(e.name)] = own
-        out.append({role: table.reshape(own.shape[0], -1)})
+        # a step that was not recorded was preceded by rest
+        out.append({role: table.reshape(own.shape[0], -1)} if own.shape[1] else {})
     return out
 
 

@@ -22,18 +22,16 @@ _OF_COVARIANCE = (6, 9, 12, 17)  # digits, of which the first that keep the matr
 _NEGATIVE = -1e-9  # eigenvalue of the correlations that rounding may leave
 
 
-def round_quantity(q: Quantity, alone: Any = None) -> Quantity:
+def round_quantity(q: Quantity) -> Quantity:
     """Return a quantity with value, standard error and interval rounded for the file.
 
-    The value keeps ``BEYOND`` digits beyond the first of its standard error, or of the error that
-    it has ``alone`` (:func:`errors_alone`), which is never larger. A quantity without a standard
-    error is returned as it is.
+    The value keeps ``BEYOND`` digits beyond the first of its standard error. A quantity without a
+    standard error is returned as it is.
     """
     if q.std_error is None:
         return q
     value, error = np.asarray(q.value, dtype=float), np.asarray(q.std_error, dtype=float)
-    least = error if alone is None else np.minimum(alone, error)
-    places = np.frompyfunc(_places, 2, 1)(value, least)
+    places = np.frompyfunc(_places, 2, 1)(value, error)
     ends = None
     if q.ci95 is not None:
         pairs = np.asarray(q.ci95, dtype=float)
@@ -42,23 +40,6 @@ def round_quantity(q: Quantity, alone: Any = None) -> Quantity:
         _rounded(value, places).tolist(), q.unit, q.status, significant(error, _OF_ERRORS).tolist(),
         ends, q.method,
     )  # fmt: skip
-
-
-def errors_alone(covariance: FloatArray) -> FloatArray:
-    """Standard errors with all other parameters known, shape ``(p,)`` from ``(p, p)``.
-
-    A value that is changed alone changes the model as much as one of these says: of two that
-    only the sum is known of, neither may be rounded as coarsely as its own error would let it.
-    Infinite where the error is.
-    """
-    out = np.full(covariance.shape[0], np.inf)
-    known = np.isfinite(np.diag(covariance))
-    covariance = covariance[np.ix_(known, known)]
-    spread = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
-    values = np.maximum(values, -_NEGATIVE)
-    out[known] = spread / np.sqrt(np.sum(vectors**2 / values, axis=1))
-    return out
 
 
 def round_covariance(matrix: FloatArray) -> FloatArray:
