@@ -460,7 +460,7 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
 def _require_two_columns(log: Log, variant: Variant, found: Sequence[Experiment]) -> None:
     """Refuse a log of motion whose output holds the numbers of its input."""
     output = variant.output.name
-    for role in (r.name for r in variant.driving if not r.output):
+    for role in (r.name for r in variant.driving):
         both = [e for e in found if role in e and output in e and e.time.size]
         if both and all(
             np.ptp(e[output]) > 0.0 and np.array_equal(e[role], e[output]) for e in both

@@ -141,8 +141,8 @@ class Variant:
 
     @property
     def driving(self) -> tuple[Role, ...]:
-        """Roles that drive the model: those with a hold."""
-        return tuple(r for r in self.roles if r.hold is not None)
+        """Roles that drive the model: those with a hold, but for the output."""
+        return tuple(r for r in self.roles if r.hold is not None and not r.output)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from fluidact_fit.families.force_map.block import ForceMapBlock
 from fluidact_fit.families.force_map.equation import NetworkMap
 from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
-from fluidact_fit.family import Request, Simulated, Solution, Value
+from fluidact_fit.family import Request, Simulated, Solution, Value, Variant
 from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[2]
@@ -479,3 +479,10 @@ def test_a_muscle_of_a_length_that_was_not_trained() -> None:
     """Judged on the repeat that was trained: another one adds what changed in between."""
     found = train_muscles(muscles(8, (10, 15, 30)), "8")
     assert rms(misses(found, muscles(8, (20,)))) <= 11.0
+
+
+@pytest.mark.parametrize("variant", ForceMap.variants, ids=lambda v: v.name)
+def test_what_is_predicted_drives_nothing(variant: Variant) -> None:
+    """Its noise is in the residual of the same sample, which was called a closed loop."""
+    assert variant.output.hold is not None
+    assert variant.output not in variant.driving

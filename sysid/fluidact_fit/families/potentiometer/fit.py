@@ -419,8 +419,8 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
     share = data.rising(max(tremble, band))
     ways = sorted((np.count_nonzero(share > 0.9), np.count_nonzero(share < 0.1)))
     if ways[0] < 10:
-        if ways[1] <= 0.9 * share.size or scaled.edges is not None:
-            return []
+        if ways[0] or ways[1] <= 0.9 * share.size or scaled.edges is not None:
+            return []  # some go back at least, or are at rest
         text = (
             "the reading moves in one direction only: whether it depends on the direction, by "
             "play in the coupling or a delay between the two signals, cannot be seen, and the "
