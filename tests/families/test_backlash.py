@@ -157,8 +157,8 @@ def test_both_may_be_given_and_a_ratio_of_zero_may_not() -> None:
 @pytest.mark.parametrize(
     ("spoil", "name", "said"),
     [
-        (lambda log: {**log, "load_position": 0.0 * log["time"]}, "ratio", "rest in every log"),
-        (lambda log: {**log, "drive_position": 0.0 * log["time"]}, "ratio", "rest in every log"),
+        (lambda log: {**log, "load_position": 0.0 * log["time"]}, "ratio", "rests in every log"),
+        (lambda log: {**log, "drive_position": 0.0 * log["time"]}, "ratio", "rests in every log"),
         (lambda log: stroke(play=0.045), "backlash", "turns back by"),
         (lambda log: {k: v[:60] for k, v in stroke(5).items()}, "backlash", ""),
     ],
@@ -222,7 +222,7 @@ def test_drive_and_load_taken_for_each_other_are_refused() -> None:
     log = stroke(drive_noise=NOISE)
     swapped = {**log, "drive_position": log["load_position"],
                "load_position": log["drive_position"]}  # fmt: skip
-    with pytest.raises(NotIdentifiedError, match="taken for each other"):
+    with pytest.raises(NotIdentifiedError, match="columns swapped"):
         ff.fit("backlash", swapped)
 
 
