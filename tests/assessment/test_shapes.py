@@ -29,7 +29,7 @@ from fluidact_fit.families import get_family
         # dead zone 29 % off at 12 standard errors
         (hydraulic_motor, "valve of another shape", "opens softly", "'command' acts gradually"),
         # gain 16 % off at 19
-        (hydraulic_motor, "valve of another shape", "saturates gradually", "'command' acts as"),
+        (hydraulic_motor, "valve of another shape", "saturates by and by", "'command' acts as"),
         # dead zone 5 % off at 12
         (
             hydraulic_motor,
@@ -132,7 +132,7 @@ def test_what_a_small_delay_would_do_stands_in_the_file() -> None:
 
 def test_part_of_a_long_log_shows_what_is_always_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same terms, of the same size within their errors, from half of the rows."""
-    attack = find_attack(hydraulic_motor, "valve of another shape", "saturates gradually")
+    attack = find_attack(hydraulic_motor, "valve of another shape", "saturates by and by")
     (recording,) = attack.record(np.random.default_rng(31))
     whole = ff.fit(attack.family, recording)
     monkeypatch.setattr(type(get_family(attack.family)), "examined", 750)
