@@ -303,9 +303,9 @@ def _linear_potentiometer(data: Path, folder: Path) -> list[Figure]:
     run = fit([*given, "--rails", "0:1022"], folder / "linpot.yaml")
     warned = codes(open_ends.file, open_ends.word)
     return [
-        words("linpot", "linear potentiometer: clipped ends", "codes without `--rails`", warned,
-              "rails-suspected"),
         # its positions were approached from one side, so that nobody knows its play
+        words("linpot", "linear potentiometer: clipped ends", "codes without `--rails`", warned,
+              "one-direction rails-suspected"),
         words("linpot", "linear potentiometer: end", "exit status, verdict and codes",
               f"{run.outcome}: {codes(run.file, run.word)}", "exit 0, warn: one-direction rails"),
         number("linpot", "linear potentiometer: rmse", "rmse with `--rails` [m]",
