@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ..block import SteppedBlock
 from ..errors import Notice
-from ..estimation.named_model import NamedModel, check_request, make_unknowns
+from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
 from ..estimation.noise import noise_floor
 from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis, Slopes
@@ -62,7 +62,6 @@ from ..family import (
 from ..options import settled
 from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
 
-Values = Mapping[str, Any]
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
 _LED = 0.5  # of the squared residual: what a negative play leaves at most where the load leads
@@ -373,8 +372,8 @@ def _allow_for_readings(
     text = (
         f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
         f"backlash comes out too {'wide' if shift > 0.0 else 'narrow'} by {abs(shift):.2g} or "
-        f"more, with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or move "
-        "faster."
+        f"more, with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or "
+        "let it move further than its noise from one sample to the next."
     )
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
 

@@ -29,7 +29,7 @@ from ..block import Block
 from ..errors import Notice, NotIdentifiedError
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
-from ..estimation.named_model import check_request
+from ..estimation.named_model import Values, check_request
 from ..estimation.results import Refusal
 from ..experiment import Array, Experiment, FloatArray, Hold
 from ..family import (
@@ -63,7 +63,6 @@ from ..routines import (
     sqrt,
 )
 
-Values = Mapping[str, Any]
 SIDES = (("positive", 1.0), ("negative", -1.0))
 
 
@@ -406,10 +405,6 @@ class FlowMapBlock(Block):
         self.accept([n for n in beyond if n in self.not_identified])
 
     @property
-    def _values(self) -> dict[str, float]:
-        return self.numbers()
-
-    @property
     def reference_pressure(self) -> float | None:
         """Pressure drop at which the gains hold [Pa]; ``None`` where it was not recorded."""
         return self.document.settled_options(FlowMapOptions).reference_pressure
@@ -425,7 +420,7 @@ class FlowMapBlock(Block):
         """Flow [its unit] at a command [V]; at the reference pressure drop where none is given."""
         self.watch(command=command)
         factor = self._factor(pressure_drop)
-        q = np.asarray(np.real(valve_flow(command, self._values)) * factor, dtype=float)
+        q = np.asarray(np.real(valve_flow(command, self.numbers())) * factor, dtype=float)
         return float(q) if q.ndim == 0 else q
 
     def inverse(
@@ -444,7 +439,7 @@ class FlowMapBlock(Block):
         ValueError
             When a flow lies beyond what the saturations give, unless clamped.
         """
-        v = self._values
+        v = self.numbers()
         q = np.asarray(flow, dtype=float) / self._factor(pressure_drop)
         ends = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
         slack = 1e-9 * (max(ends) - min(ends))
@@ -466,11 +461,11 @@ class FlowMapBlock(Block):
     def predict(self, experiment: Experiment) -> FloatArray:
         """Flow of a recording; see :meth:`.Block.predict`."""
         options = self.document.settled_options(FlowMapOptions)
-        return np.asarray(np.real(_law(self._values, _inputs(experiment, options))))
+        return np.asarray(np.real(_law(self.numbers(), _inputs(experiment, options))))
 
     def routines(self) -> Sequence[Routine]:
         """Flow of a command; the command for a flow at the reference pressure drop; that flow."""
-        v, unit, reference = self._values, self.output.unit, self.reference_pressure
+        v, unit, reference = self.numbers(), self.output.unit, self.reference_pressure
         command = self.argument("command", "command of the valve")
         flows = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
         about = "wanted flow" if reference is None else "wanted flow at the reference pressure drop"
