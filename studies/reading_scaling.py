@@ -7,8 +7,8 @@ Every reader of text (logs, headers and units, stamps, YAML, controller headers,
 of jobs) gets frames in which one repeated piece stands where a line, a cell, a name, a comment or a
 text in quotes may stand. Sizes grow from 10^3 to 10^6 characters until the time of the processor
 can be measured. The exponent is that of the upper sizes: 1 is a time in proportion to the text.
-Above ``BOUND`` in three runs the study fails. Each pattern runs in a process of its own, which a
-limit ends. ``--write`` writes ``docs/evidence/reading-scaling.md``.
+One above ``BOUND`` is timed twice more, as far as the limit on the time allows, and fails the study
+if it stays there. Each pattern runs in a process of its own, which a limit ends. ``--write`` writes ``docs/evidence/reading-scaling.md``.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ SIZES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
 LIMIT = 5.0  # s of the processor for one size
 _STEP = math.sqrt(10.0)  # from one size to the next
 _ENOUGH = 0.2  # s; a size of which more is to be expected is not tried
+_SURELY = 2.0  # s; the same, where a pattern seems to grow too fast
 _MEASURABLE = 0.1  # s; shorter ones tell the state of the machine
 _TOGETHER = 100  # patterns that one process times
 # What an error that is none of the program's own ends a process with.
@@ -77,8 +78,9 @@ Written by `studies/reading_scaling.py --write`, a part of `make soak`. Every re
 frames in which one piece is repeated where a line, a cell, a name, a comment or a text in quotes may
 stand (`@` is where). The text grows by half decades from 10^3 characters to {largest}, or to the size
 of which the next would take more than {enough} s in proportion. The exponent is the slope of the
-processor time over the two largest sizes; a pattern can be measured where the largest takes {least} s.
-One above {bound} is timed three times, each in a process of its own, and then fails the study.
+processor time over the last decade of sizes; a pattern can be measured where the largest takes {least}
+s. One above {bound} is timed twice more, up to sizes that take {surely} s, each time in a process of its
+own: the shortest times count.
 
 {patterns} patterns{part}, {whole} of them up to {largest} characters and {tenth} up to a tenth or more:
 {measured} can be measured, {bad} grow faster than {bound}. ({seconds} s of the processor, beside other
@@ -115,10 +117,10 @@ class Timing(NamedTuple):
 
     @property
     def exponent(self) -> float:
-        """Slope of the two upper sizes, infinite where a limit ended the process."""
+        """Slope over the last decade of sizes, infinite where a limit ended the process."""
         if self.ended:
             return math.inf
-        pairs = [(n, s) for n, s in zip(self.sizes, self.seconds) if s >= _LEAST][-2:]
+        pairs = [(n, s) for n, s in zip(self.sizes, self.seconds) if s >= _LEAST][-3:]
         if len(pairs) < 2:
             return 0.0
         (n, s), (m, r) = pairs[0], pairs[-1]
@@ -206,7 +208,9 @@ def text_of(pattern: Pattern, size: int) -> str:
     return f"{before}{pattern.piece * count}{behind}"
 
 
-def measure(patterns: Sequence[Pattern], largest: int = SIZES[-1]) -> Iterator[Timing]:
+def measure(
+    patterns: Sequence[Pattern], largest: int = SIZES[-1], enough: float = _ENOUGH
+) -> Iterator[Timing]:
     """Time patterns in a process of its own, in another one after each that a limit ended."""
     left = list(patterns)
     while left:
@@ -214,7 +218,7 @@ def measure(patterns: Sequence[Pattern], largest: int = SIZES[-1]) -> Iterator[T
         child = os.fork()
         if child == 0:
             os.close(reading)
-            _time_all(left, writing, [n for n in SIZES if n <= largest])
+            _time_all(left, writing, [n for n in SIZES if n <= largest], enough)
             os._exit(0)
         os.close(writing)
         taken: dict[int, float] = {}
@@ -236,18 +240,18 @@ def _sorted(taken: dict[int, float]) -> tuple[tuple[int, ...], tuple[float, ...]
     return sizes, tuple(taken[n] for n in sizes)
 
 
-def _time_all(patterns: Sequence[Pattern], out: int, sizes: Sequence[int]) -> None:
+def _time_all(patterns: Sequence[Pattern], out: int, sizes: Sequence[int], enough: float) -> None:
     """Write size and seconds of every size of every pattern; runs in the child."""
     devnull = os.open(os.devnull, os.O_WRONLY)
     os.dup2(devnull, 2)
     resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
     for pattern in patterns:
-        _time_sizes(pattern, out, sizes)
+        _time_sizes(pattern, out, sizes, enough)
         os.write(out, b"done 0\n")
 
 
-def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int]) -> None:
-    """Find the largest size that takes long enough, and time it and the one below it."""
+def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int], enough: float) -> None:
+    """Find the largest size that takes long enough, and time it and the decade below it."""
     taken: dict[int, float] = {}
 
     def take(k: int) -> float:
@@ -257,12 +261,13 @@ def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int]) -> None:
         return taken[k]
 
     k, most = 0, len(sizes) - 1
-    while k < most and take(k) * _STEP < _ENOUGH:
+    while k < most and take(k) * _STEP < enough:
         # as far as a time in proportion allows, so that few sizes are timed
-        k = min(most, k + max(1, int(math.log(_ENOUGH / max(take(k), 1e-6), _STEP))))
+        k = min(most, k + max(1, int(math.log(enough / max(take(k), 1e-6), _STEP))))
     take(k)
-    if k and taken[k] >= _LEAST:
-        take(k - 1)
+    for below in range(k - 1, max(k - 3, -1), -1):
+        if taken[below + 1] >= _LEAST:
+            take(below)
 
 
 def _time(pattern: Pattern, size: int) -> float:
@@ -282,23 +287,23 @@ def _time(pattern: Pattern, size: int) -> float:
 
 
 def measure_again(patterns: Sequence[Pattern], largest: int) -> list[Timing]:
-    """Time patterns; where one seems to grow too fast, other work may have been in the way."""
+    """Time patterns; where one seems to grow too fast, as far as it takes to be sure."""
     found = []
     for timing in measure(patterns, largest):
         for _ in range(2):
             if not timing.measured or timing.exponent <= BOUND:
                 break
-            timing = _quickest(timing, *measure([timing.pattern], largest))
+            timing = _quickest(timing, *measure([timing.pattern], largest, _SURELY))
         found.append(timing)
     return found
 
 
 def _quickest(timing: Timing, again: Timing) -> Timing:
-    """The shorter time of every size that both reached, of the runs that no limit ended."""
+    """The shorter time of every size, of the runs that no limit ended."""
     if timing.ended or again.ended:
         return again if timing.ended else timing
     one, two = dict(zip(timing.sizes, timing.seconds)), dict(zip(again.sizes, again.seconds))
-    both = {n: min(one[n], two[n]) for n in one if n in two}
+    both = {n: min(one.get(n, math.inf), two.get(n, math.inf)) for n in one | two}
     return Timing(timing.pattern, *_sorted(both), "")
 
 
@@ -351,7 +356,7 @@ def main() -> int:
     seconds = sum(os.times()[:4])
     text = _PAGE.format(
         patterns=len(timings), part=part, measured=len(known), bad=len(bad), bound=BOUND,
-        enough=_ENOUGH, least=_MEASURABLE, largest=f"{given.largest:,}", table=table(known),
+        enough=_ENOUGH, surely=_SURELY, least=_MEASURABLE, largest=f"{given.largest:,}", table=table(known),
         whole=_up_to(timings, given.largest), tenth=_up_to(timings, given.largest / 10.0),
         seconds=f"{seconds:.0f}",
     )  # fmt: skip

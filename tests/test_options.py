@@ -40,6 +40,13 @@ class Example(FamilyOptions):
     word: str | None = text(help="a word", check=upper)
     rails: tuple[float, float] | None = interval(help="ends")
     found: float | None = settled("float", "what the fit found")
+    end: str | None = choice(None, ("left", "right"), "which end", formerly="side")
+
+
+def test_a_file_may_have_the_name_of_before_and_nobody_else() -> None:
+    assert Example.read({"side": "left"}, from_file=True) == Example(end="left")
+    with pytest.raises(UsageError, match="no option side"):
+        Example.read({"side": "left"})
 
 
 def test_defaults_and_values() -> None:

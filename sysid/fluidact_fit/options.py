@@ -68,6 +68,8 @@ class Option:
     frees
         Parameter that is estimated with the last of the choices. Otherwise it has the value of
         the one that stands for it, or its neutral value.
+    formerly
+        What files written before call it.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Option:
     form: str = ""
     settled: bool = False
     frees: str = ""
+    formerly: str = ""
 
     @property
     def expected(self) -> str:
@@ -153,9 +156,11 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def choice(default: str | None, values: tuple[str, ...], help: str, frees: str = "") -> Any:
+def choice(
+    default: str | None, values: tuple[str, ...], help: str, frees: str = "", formerly: str = ""
+) -> Any:
     """One word out of several; ``frees`` names the parameter that the last of them frees."""
-    return _field("choice", help, default, choices=values, frees=frees)
+    return _field("choice", help, default, choices=values, frees=frees, formerly=formerly)
 
 
 def number(default: float | None = None, *, help: str, unit: str = "", **limits: float) -> Any:
@@ -225,9 +230,11 @@ class FamilyOptions:
             Naming the option, what may be given, and the closest name there is.
         """
         known = {o.name: o for o in describe(cls, every=from_file)}
+        former = {o.formerly: o.name for o in known.values() if o.formerly and from_file}
         values = {}
         for name, value in given.items():
             key = name.replace("_", "-")
+            key = former.get(key, key)
             if key not in known:
                 close = closest(key, known)
                 options = ", ".join(f"--{n}" for n in known) or "none"

@@ -83,8 +83,9 @@ class ResponseOptions(FamilyOptions):
     """Choices about the runs of every response."""
 
     start_state: str | None = choice(
-        None, ("rest", "free"), "whether the runs begin at rest or in any state"
-    )
+        None, ("rest", "free"), "whether the runs begin at rest or in any state",
+        formerly="initial-state",
+    )  # fmt: skip
     offset: str | None = choice(None, ("none", "free"), "whether the output has an offset")
     offset_of: str | None = settled(
         "choice",
