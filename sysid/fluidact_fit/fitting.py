@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .assessment import most_outliers, set_aside
+from .assessment import find_cause, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
@@ -329,14 +329,11 @@ def _solve(
             found = family.estimate(variant, experiments, request)
             return _priced(found, price)
     except NotIdentifiedError as error:
-        role = _input_behind(variant, experiments)
-        if role is None:
+        cause = find_cause(variant, experiments)
+        if cause is None:
             raise
         raise NotIdentifiedError(
-            f"'{role}' follows '{variant.output.name}', not the other way round: the two columns "
-            f"seem to be swapped, and {error.what}",
-            expected="Nothing was written.",
-            remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
+            f"{cause.words} {error.what}", expected="Nothing was written.", remedy=cause.remedy
         ) from error
 
 
@@ -471,21 +468,3 @@ def _require_two_columns(log: Log, variant: Variant, found: Sequence[Experiment]
                 expected="Expected two columns: what drives the machine and what it does.",
                 remedy=f"Name the right ones with --column {role}=... and --column {output}=...",
             )
-
-
-def _input_behind(variant: Variant, experiments: Sequence[Experiment]) -> str | None:
-    """An input whose changes follow those of the output instead of preceding them."""
-    output, lags = variant.output.name, range(1, 51)
-    for role in (r.name for r in variant.driving):
-        ahead, behind, least = 0.0, 0.0, 0.0
-        for e in experiments:
-            if role not in e or output not in e or not e[role].size == e[output].size >= 200:
-                continue
-            u, y = np.diff(e[role]), np.diff(e[output])
-            power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
-            ahead += sum(float(u[:-k] @ y[k:] / power) ** 2 for k in lags)
-            behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in lags)
-            least += 3.0 * len(lags) / u.size
-        if behind > max(4.0 * ahead, least):
-            return role
-    return None

@@ -16,6 +16,7 @@ from studies.red_team.attacks import (
     hydraulic_motor,
     hydrostatic,
     potentiometer,
+    rigs,
     valve,
 )
 from studies.red_team.run import run, write
@@ -76,6 +77,17 @@ def test_a_delay_that_was_not_asked_for_is_named_with_its_option(tmp_path):
     # the model is not linear: one step from 4 ms away gets most of the way
     assert table["size"] == pytest.approx(found.value, rel=0.5)
     assert table["deviations"] > 5.0
+
+
+def test_clocks_that_drift_apart_are_named_with_their_rate(tmp_path):
+    attack = next(a for a in rigs.attacks() if a.group == "clocks that drift apart")
+    result = fit(tmp_path, attack)
+    message = next(n.message for n in result.notices if n.code == "unmodelled-response")
+    assert "for every second since the start of the log" in message
+    assert "clock" in message
+    term = find_missing_response(optimum_of(result))[0]["clock of inlet"]
+    assert term["size"] == pytest.approx(-1e-3, abs=5e-5)
+    assert term["shift"] == pytest.approx(5e-3, rel=0.1)  # half of 10 ms over 10 s
 
 
 def test_predicted_shift_by_a_small_delay_is_that_of_another_fit(tmp_path):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from .examination import Examined, examine
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
+from .refusal_causes import Cause, find_cause
 from .verdict import judge, residual_whiteness
 
 __all__ = [
+    "Cause",
     "Examined",
     "Outlier",
     "examine",
+    "find_cause",
     "judge",
     "most_outliers",
     "outlier_notice",

@@ -34,6 +34,10 @@ _PLACES = 9  # over the range of an input, between which its characteristic is s
 _NARROW = 0.001  # of its range, width of the play tried: a wider one starts late
 _ABOVE = 6.0  # times its noise at least: a narrower one follows the noise
 _CLOCK = "Check that one clock stamps all channels; look for delays of filters, buses and valves."
+_CLOCKS = (
+    "Two clocks stamp the channels, and one is faster. Record with one clock, or correct the time "
+    "of one channel; within a short --window it matters less."
+)
 _LAG = (
     "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
     "that this family does not have. A lead: look for those of an input, or for a missing mass. "
@@ -104,7 +108,7 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
         return  # rows without an order
     step = min(e.sample_time for e in at.experiments)
     for role in at.driving:
-        yield _delay(at, role, step)
+        yield from _late(at, role, step)
     for role in at.roles:
         yield from _lags(at, role, step)
         yield from _output_play(at, role)
@@ -244,14 +248,24 @@ def _apart(spec: ParameterSpec, change: float) -> str:
     return f"{spec.name} is {abs(change):.3g}{after_number(spec.unit)} {side} {spec.general}"
 
 
-def _delay(at: Optimum, role: str, step: float) -> Term:
-    """An input that acts later than recorded."""
+def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """An input that acts later than recorded: always, or more and more from the start of a log."""
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
         return f"'{role}' acts {1e3 * abs(size):.3g} ms {when} than recorded"
 
-    return Term(f"delay of {role}", "s", words, _CLOCK, _later(at, role, step))
+    def more(size: float) -> str:
+        return f"{words(size)} for every second since the start of the log"
+
+    later = _later(at, role, step)
+    yield Term(f"delay of {role}", "s", words, _CLOCK, later)
+    begin: dict[int, float] = {}
+    for e in at.experiments:
+        begin[e.log] = min(float(e.time[0]), begin.get(e.log, np.inf))
+    drifting = [_ramp(all_of(s.experiment.time, s.used), begin[s.experiment.log], 1.0) * c
+                for s, c in zip(at.series, later, strict=True)]  # fmt: skip
+    yield Term(f"clock of {role}", "1", more, _CLOCKS, drifting)
 
 
 def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:

@@ -1,0 +1,125 @@
+"""What a recording shows that may be why it determines nothing: named before any parameter.
+
+Only a refused fit is asked: each of these also occurs in a recording that is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..estimation.noise import noise_floor
+from ..experiment import Experiment, FloatArray
+from ..family import Variant
+
+_LAGS = range(1, 51)  # samples
+_LEAST = 200  # samples of a log that tells
+_AHEAD = 4.0  # times as much that follows as precedes
+_NOISE = 6.0  # standard deviations within which a value is the same
+_BAND = 0.01  # of its range, the same of a channel without noise
+_AT_END = 0.05  # of the samples, that are at one end
+_PUSHED = 0.25  # of its range, which an input changes while the output is there
+_JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
+_OTHERWISE = 0.2  # of its range, below which all other steps are
+_BEYOND = 1.1  # times its range, over which a counter goes on
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What stands before the words of a refusal, and the remedy in place of its own."""
+
+    words: str
+    remedy: str
+
+
+def find_cause(variant: Variant, experiments: Sequence[Experiment]) -> Cause | None:
+    """The first thing that the channels show, ``None`` where they show nothing."""
+    timed = [e for e in experiments if e.time.size]
+    return next(_causes(variant, timed), None)
+
+
+def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
+    output = variant.output.name
+    for role in (r.name for r in variant.driving):
+        if _follows(runs, role, output):
+            yield Cause(
+                f"'{role}' follows '{output}', not the other way round: the two columns seem to "
+                "be swapped, and",
+                f"Check --column {role}=... and --column {output}=...",
+            )
+    measured = [r.name for r in variant.roles if r.name != "time" and r.hold != "zoh"]
+    for role in measured:
+        some = [e for e in runs if role in e]
+        if turn := max((_turn(e[role]) for e in some), default=0.0):
+            yield Cause(
+                f"'{role}' jumps from one end of its range to the other and moves on from there: "
+                f"it seems to begin again after about {some[0].signals[role].text(turn)}, and",
+                f"Have it continued with --unwrap {role}=SIZE, or keep to a part without a jump "
+                "with --window.",
+            )
+    for role in (r.name for r in variant.driving):
+        samples, end = _at_end(runs, role, output)
+        if samples > _AT_END * sum(e.samples for e in runs):
+            text = next(e for e in runs if output in e).signals[output].text(end)
+            yield Cause(
+                f"'{output}' stays at {text}, an end of its range, for {samples} samples while "
+                f"'{role}' changes: there seems to be a stop, or a sensor at its limit, and",
+                "Leave that out with --exclude or --window, or record within the stroke.",
+            )
+
+
+def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
+    """Whether the changes of an input follow those of the output instead of preceding them."""
+    ahead, behind, least = 0.0, 0.0, 0.0
+    for e in runs:
+        if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
+            continue
+        u, y = np.diff(e[role]), np.diff(e[output])
+        power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
+        ahead += sum(float(u[:-k] @ y[k:] / power) ** 2 for k in _LAGS)
+        behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in _LAGS)
+        least += 3.0 * len(_LAGS) / u.size
+    return behind > max(_AHEAD * ahead, least)
+
+
+def _turn(values: FloatArray) -> float:
+    """After what a signal begins again, 0 where it does not.
+
+    Its jumps are all of one size. Without them it goes on beyond its range; what a square wave
+    is without its jumps has hardly any.
+    """
+    if values.size < _LEAST:
+        return 0.0
+    steps, span = np.diff(values), float(np.ptp(values))
+    far = np.abs(steps) > _JUMP * span
+    if not far.any():
+        return 0.0
+    size = float(np.median(np.abs(steps[far])))
+    alike = float(np.ptp(np.abs(steps[far]))) < _OTHERWISE * span
+    small = float(np.abs(steps[~far]).max(initial=0.0)) < _OTHERWISE * span
+    goes_on = np.cumsum(np.where(far, steps - np.sign(steps) * size, steps))
+    return size if alike and small and np.ptp(goes_on) > _BEYOND * span else 0.0
+
+
+def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, float]:
+    """Samples of the output at the end where it stays longest while an input changes; the end."""
+    pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
+    pairs = [(u, y) for u, y in pairs if u.size == y.size >= _LEAST]
+    if not pairs:
+        return 0, 0.0
+    span, drive = (max(float(x[k].max()) for x in pairs) - min(float(x[k].min()) for x in pairs)
+                   for k in (1, 0))  # fmt: skip
+    near = max(_BAND * span, *(_NOISE * noise_floor(y) for _, y in pairs))
+    found = {}
+    for end in (min(float(y.min()) for _, y in pairs), max(float(y.max()) for _, y in pairs)):
+        count = 0
+        for u, y in pairs:
+            there = np.abs(y - end) < near
+            edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
+            for first, stop in zip(edges[::2], edges[1::2], strict=True):
+                count += (stop - first) * (np.ptp(u[first:stop]) > _PUSHED * drive)
+        found[end] = int(count)
+    end = max(found, key=lambda x: found[x])
+    return found[end], end

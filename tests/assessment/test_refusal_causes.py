@@ -1,0 +1,85 @@
+"""What a recording shows is named before a parameter that it cannot determine."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from studies.red_team.attack import Attack
+from studies.red_team.attacks import rigs, valve
+from studies.red_team.run import write
+
+import fluidact_fit as ff
+from attack_finder import find_attack
+from fluidact_fit.assessment import find_cause
+from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.families import get_family
+
+N = 600
+
+
+def cause_of(output: np.ndarray, force: np.ndarray) -> str:
+    """Words about a log of the hydrostatic family."""
+    variant = get_family("hydrostatic").variants[0]
+    time, signals = 0.01 * np.arange(output.size), {}
+    for role, unit, values in (("force", "N", force), ("position", "m", output)):
+        signals[role] = Signal(role, time, values, unit, "foh")
+    run = Experiment("log", 0, time, signals, 0.01, True)
+    found = find_cause(variant, [run])
+    return found.words if found else ""
+
+
+def swept(turns: float, noise: float = 0.0) -> np.ndarray:
+    t = np.linspace(0.0, 1.0, N)
+    return np.sin(2 * np.pi * turns * t) + noise * np.random.default_rng(1).standard_normal(N)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@settings(max_examples=20, deadline=None)
+@given(share=st.floats(0.2, 0.6), turns=st.floats(1.0, 4.0))
+def test_a_counter_that_begins_again_is_named_with_its_size(noise, share, turns):
+    free = swept(turns, noise)
+    words = cause_of((free + 1.5) % (share * 2.0), swept(turns))
+    assert "begin again after about" in words
+    assert float(words.split("about ")[1].split(" m")[0]) == pytest.approx(2.0 * share, rel=0.1)
+
+
+@pytest.mark.parametrize("end", [0.3, 0.7])
+def test_a_stop_is_named_with_its_place(end):
+    words = cause_of(np.minimum(swept(3.0), end) + 1e-3 * swept(90.0), swept(3.3))
+    assert f"stays at 0.{10 * end:.0f}" in words
+    assert "a stop" in words
+
+
+def test_what_a_right_log_does_is_no_cause():
+    square = np.sign(swept(5.0, 0.01))
+    assert not cause_of(square + swept(40.0, 0.01) * 0.01, square)
+    assert not cause_of(np.cumsum(swept(3.0)) / 100.0, swept(3.0, 0.01))  # velocity by force
+    held = np.repeat([0.0, 1.0, 0.4, -1.0, 0.2, 0.9], N // 6)  # rests with its input
+    assert not cause_of(held, held)
+
+
+@pytest.mark.parametrize(("group", "name", "words"), [
+    ("hard stop", "beyond 70 % of the way", "there seems to be a stop"),
+    ("wraps", "0.3 of the range", "it seems to begin again after about"),
+])  # fmt: skip
+def test_a_refused_fit_says_it(tmp_path, group, name, words):
+    attack = find_attack(rigs, group, name)
+    logs = [write(tmp_path / "log.csv", r, attack.units)
+            for r in attack.record(np.random.default_rng(3))]  # fmt: skip
+    with pytest.raises(ff.NotIdentifiedError, match=words):
+        ff.fit(attack.family, logs)
+
+
+def test_a_valve_faster_than_the_sampling_is_no_counter(tmp_path):
+    truth = {"gain": 1.0, "natural_frequency": 2000.0, "damping_ratio": 0.7}
+    record = partial(valve.record, truth=truth, step=0.05)
+    log = record(np.random.default_rng(1))[0]
+    attack = Attack("valve", "", "", truth, record, valve.UNITS)
+    with pytest.raises(ff.NotIdentifiedError) as refused:
+        ff.fit("valve", [write(tmp_path / "log.csv", log, attack.units)])
+    assert "begin again" not in str(refused.value)
+    assert "stop" not in str(refused.value)
