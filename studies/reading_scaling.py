@@ -22,8 +22,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -218,8 +218,11 @@ def measure(
         child = os.fork()
         if child == 0:
             os.close(reading)
-            _time_all(left, writing, [n for n in SIZES if n <= largest], enough)
-            os._exit(0)
+            try:
+                _time_all(left, writing, [n for n in SIZES if n <= largest], enough)
+                os._exit(0)
+            finally:
+                os._exit(1)  # nothing of the parent may go on here
         os.close(writing)
         taken: dict[int, float] = {}
         with os.fdopen(reading, encoding="ascii") as pipe:
@@ -266,8 +269,9 @@ def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int], enough: float)
         k = min(most, k + max(1, int(math.log(enough / max(take(k), 1e-6), _STEP))))
     take(k)
     for below in range(k - 1, max(k - 3, -1), -1):
-        if taken[below + 1] >= _LEAST:
-            take(below)
+        if taken[below + 1] < _LEAST:
+            break
+        take(below)
 
 
 def _time(pattern: Pattern, size: int) -> float:
@@ -342,8 +346,9 @@ def main() -> int:
     chosen = list(patterns(given.only))[:: given.every]
     parts = [chosen[k : k + _TOGETHER] for k in range(0, len(chosen), _TOGETHER)]
     timings: list[Timing] = []
-    with ThreadPoolExecutor(given.jobs) as pool:
-        for found in pool.map(partial(measure_again, largest=given.largest), parts):
+    # processes, since a thread that forks leaves the locks of the others locked in its child
+    with get_context("fork").Pool(given.jobs) as pool:
+        for found in pool.imap(partial(measure_again, largest=given.largest), parts):
             timings += found
             for t in found:
                 if t.measured and t.exponent > BOUND:

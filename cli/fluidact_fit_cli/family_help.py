@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import click
@@ -14,7 +15,7 @@ from fluidact_fit.options import describe
 from fluidact_fit.specification import Described, ParameterSpec, Role
 
 from .options import Option, flag
-from .parse import Parsed, parse_number, parse_range, parse_text
+from .parse import Parsed, in_si, parse_number, parse_range, parse_text
 
 _PREFIX = "family_option_"
 _WIDTH = 76
@@ -107,7 +108,7 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         return click.Choice(option.choices)
     forms: dict[str, tuple[str, str, Callable[[str], Any]]] = {
         "int": ("N", "4", _whole),
-        "float": ("NUMBER", "1.5", parse_number),
+        "float": ("NUMBER", "1.5", partial(in_si, option.unit) if option.unit else parse_number),
         "range": ("LOW:HIGH", "0:10", parse_range),
         "text": ("TEXT", str(option.default or "auto"), parse_text),
     }

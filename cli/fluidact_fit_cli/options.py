@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError, closest
+from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError, closest
 
 from .parse import (
     Parsed,
@@ -18,7 +18,7 @@ from .parse import (
     parse_count,
     parse_factor,
     parse_hold,
-    parse_positive,
+    parse_seconds,
     parse_sign,
     parse_step,
     parse_text,
@@ -30,6 +30,7 @@ from .parse import (
 
 if TYPE_CHECKING:
     from fluidact_fit.logs import Log
+    from fluidact_fit.parameters import ParameterDocument
 
 _ROLE_OPTIONS = {
     "column": "columns",
@@ -120,7 +121,7 @@ READING: list[click.Parameter] = [
                "Unit of a role; overrides that of the header. Without either, SI.", _READING),
     assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
                "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", _READING),
-    parsed("--sample-time", "SECONDS", "0.001", parse_positive,
+    parsed("--sample-time", "SECONDS", "0.001", parse_seconds,
            "Time from one sample to the next, for logs without a time column.", _READING),
     assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
                "For an input that was not recorded: constant at FROM, then constant at TO (in "
@@ -187,6 +188,26 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
         parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
         logs.append(read_log(path, constants=values, exclude=parts, **given))
     return logs
+
+
+def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:
+    """Read the parameter file that stands before logs; one that stands among them is named."""
+    from fluidact_fit.control import read_document
+
+    try:
+        return read_document(path)
+    except ParameterFileError:
+        for log in logs:
+            try:
+                read_document(log)
+            except FluidactError:
+                continue
+            raise UsageError(
+                f"{path} is not a parameter file, and {log} is one.",
+                expected="Expected the parameter file first, then the logs.",
+                remedy=f"Give {log} before {path}.",
+            ) from None
+        raise
 
 
 def _names(path: str) -> list[str]:

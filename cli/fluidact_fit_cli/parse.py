@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from fluidact_fit.errors import UnitError
 from fluidact_fit.options import plausible
 
 if TYPE_CHECKING:
@@ -30,6 +31,55 @@ def parse_number(text: str) -> float:
         return plausible(float(text))
     except ValueError as error:
         raise ValueError(f"'{text}' is {error}") from None
+
+
+class Quantity(NamedTuple):
+    """A number with a unit, of which it is not known yet what SI unit is wanted."""
+
+    number: float
+    unit: str
+
+    def in_unit(self, si_unit: str) -> float:
+        """The number in an SI unit; ``ValueError`` where the unit measures something else."""
+        from fluidact_fit.units import conversion_factor
+
+        try:
+            factor = conversion_factor(self.unit, si_unit)
+        except UnitError as error:
+            raise ValueError(error.what.rstrip(".")) from None
+        return plausible(self.number * factor)
+
+
+def parse_quantity(text: str) -> float | Quantity:
+    """Return a number, or a number and the unit that stands behind it."""
+    found = _NUMBER.match(text.strip())
+    unit = text.strip()[found.end() :].strip() if found else ""
+    if found is None or not unit or not (unit[0].isalpha() or unit[0] in "°%µ"):
+        return parse_number(text)
+    return Quantity(parse_number(found[0]), unit)
+
+
+def parse_quantities(text: str) -> tuple[float | Quantity, float | Quantity]:
+    """Return ``LOW:HIGH``, numbers in SI or with a unit; one behind both is that of both."""
+    low, high = map(parse_quantity, _split(text))
+    if isinstance(low, float) and isinstance(high, Quantity):
+        low = Quantity(low, high.unit)
+    if isinstance(low, float) and isinstance(high, float):
+        return parse_range(text)
+    return low, high
+
+
+def in_si(si_unit: str, text: str) -> float:
+    """Return a number in SI; one with a unit is converted."""
+    value = parse_quantity(text)
+    return value.in_unit(si_unit) if isinstance(value, Quantity) else value
+
+
+def parse_seconds(text: str) -> float:
+    """Return a time above zero [s]."""
+    if (value := in_si("s", text)) <= 0.0:
+        raise ValueError(f"'{text}' is not above zero")
+    return value
 
 
 def parse_positive(text: str) -> float:

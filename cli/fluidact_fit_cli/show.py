@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import chain
 from typing import Any, TextIO
 
 import click
 
-from fluidact_fit.errors import OutputError, visible
+from fluidact_fit.errors import Notice, OutputError, visible
+from fluidact_fit.notices import is_information
 
 _MOST_ROWS = 24  # of one list parameter
 _MANY_RUNS = 10  # more than fit on a screen beside the table
+_NAMED = 3  # logs of which the same is said
+_NARROWEST = 40  # columns of a terminal
 
 
 def echo(text: str = "") -> None:
@@ -112,10 +118,36 @@ def json_text(document: Any) -> str:
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
-def echo_warnings(notices: Iterable[Any]) -> None:
-    """Print warnings on standard error."""
+def echo_notices(notices: Iterable[Notice]) -> None:
+    """Print notes and warnings on standard error, what is said alike of several logs once.
+
+    On a terminal they are wrapped to its width.
+    """
+    together: dict[tuple[str, str], list[str]] = {}
     for notice in notices:
-        tell(f"warning ({notice.code}): {notice.message}")
+        name, colon, rest = notice.message.partition(": ")
+        of_log = bool(colon) and " " not in name
+        names = together.setdefault((notice.code, rest if of_log else notice.message), [])
+        names += [name] * of_log
+    for (code, message), names in together.items():
+        word = "note" if is_information(code) else "warning"
+        where = f"{_listed(names)}: " if names else ""
+        tell(_wrapped(f"{word} ({code}): {where}{message}"))
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first few of several names."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _wrapped(text: str) -> str:
+    if not sys.stderr or not sys.stderr.isatty():
+        return text
+    width = max(shutil.get_terminal_size().columns - 1, _NARROWEST)
+    lines = (textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False,
+                           break_on_hyphens=False) for line in text.splitlines())  # fmt: skip
+    return "\n".join(chain.from_iterable(lines))
 
 
 def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import Any
@@ -69,7 +69,9 @@ class FitContext:
     @cached_property
     def fitted(self) -> list[Simulation]:
         """The same, beside what was measured."""
-        return pair(self.experiments, self.simulated, self.variant)
+        found = pair(self.experiments, self.simulated, self.variant)
+        level = common_level(found)
+        return [replace(s, level=level) for s in found]
 
     @cached_property
     def examined(self) -> Examined:
@@ -88,7 +90,7 @@ class FitContext:
     def validate(self, others: Sequence[Experiment]) -> list[Simulation]:
         """Simulate runs that were not fitted."""
         found = self.family.simulate(self.plant, others, self.offset)
-        return pair(others, found, self.variant)
+        return pair(others, found, self.variant, self.fitted[0].level)
 
 
 def make_parameter_document(
@@ -107,8 +109,7 @@ def make_parameter_document(
     if found.outliers:
         details = {**details, "outliers": [o.entry for o in found.outliers]}
         warned = [*warned, outlier_notice(found.outliers)]
-    level = common_level(fitted)
-    overall = agreement(fitted, level)
+    level, overall = fitted[0].level, agreement(fitted)
     white = residual_whiteness(fitted, len(solution.names))
     unused = _unused_logs(fitted)
     notices = list(dict.fromkeys([*notices, *unused, *solution.notices, *warned]))
@@ -137,9 +138,10 @@ def make_parameter_document(
                 "samples": overall.samples,
                 "rmse": {"value": overall.rmse, "unit": unit},
                 "fit_percent": overall.fit_percent,
+                "level": None if level is None else {"value": level, "unit": unit},
                 "residual_whiteness": asdict(white),
                 "verdict": verdict,
-                "logs": [_log_entry(s, unit, level) for s in fitted],
+                "logs": [_log_entry(s, unit) for s in fitted],
                 "details": {
                     **solution.details,
                     **details,
@@ -150,7 +152,7 @@ def make_parameter_document(
                 },
             }
         ),
-        "validation": round_numbers([_log_entry(s, unit, level) for s in validation]),
+        "validation": round_numbers([_log_entry(s, unit) for s in validation]),
         "warnings": every,
         "provenance": {
             "tool": {"name": "fluidact-fit", "version": __version__},
@@ -178,9 +180,9 @@ def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:
     return "zoh"
 
 
-def _log_entry(s: Simulation, unit: str, level: float | None) -> dict[str, Any]:
-    """One row of ``fit.logs`` or ``validation``; ``level`` is that of all fitted logs."""
-    a = agreement([s], level)
+def _log_entry(s: Simulation, unit: str) -> dict[str, Any]:
+    """One row of ``fit.logs`` or ``validation``."""
+    a = s.agreement
     return {
         "file": s.experiment.name,
         "samples": a.samples,

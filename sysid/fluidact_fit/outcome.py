@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,15 +55,16 @@ def sum_of_squares(values: FloatArray, reference: float = 0.0) -> float:
     return sum(float(np.sum(part**2)) for part in parts)
 
 
-def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreement:
+def agreement(runs: Sequence[Simulation]) -> Agreement:
     """Agreement of all runs together, samples at NaN left out.
 
     ``fit = 100 (1 - ||y - y_model|| / ||y - reference||)`` as in MATLAB's ``compare``. The
     reference is what the model explains nothing of: the mean of every run where each has an
-    offset of its own. Else the level is the model's to explain, and the reference is ``level``,
-    by default the :func:`common_level` of these runs: at one constant speed a log, all that
-    a friction explains are the means of the logs.
+    offset of its own. Else the level is the model's to explain, and the reference is that of the
+    fitted logs, or the :func:`common_level` of these runs where none is known: at one constant
+    speed a log, all that a friction explains are the means of the logs.
     """
+    level = next((s.level for s in runs if s.level is not None), None)
     level = common_level(runs) if level is None else level
     error, spread, samples = 0.0, 0.0, 0
     for s in runs:
@@ -101,6 +102,9 @@ class Simulation:
     also
         Other channels as the model gives them, by role, shape ``(n,)`` [SI]: those that the
         run recorded.
+    level
+        Mean of the output over all logs that were fitted [SI], which ``fit_percent`` compares
+        with; ``None`` for that of the run itself.
     """
 
     experiment: Experiment
@@ -108,6 +112,7 @@ class Simulation:
     measured: FloatArray
     offset: float | None = None
     also: Mapping[str, FloatArray] = field(default_factory=dict)
+    level: float | None = None
 
     @classmethod
     def of(cls, experiment: Experiment, found: Simulated, output: str) -> Simulation:
@@ -152,11 +157,15 @@ class Simulation:
 
 
 def pair(
-    runs: Sequence[Experiment], found: Sequence[Simulated], variant: Variant
+    runs: Sequence[Experiment],
+    found: Sequence[Simulated],
+    variant: Variant,
+    level: float | None = None,
 ) -> list[Simulation]:
-    """Put simulations beside what the runs recorded."""
+    """Put simulations beside what the runs recorded; ``level`` is that of the fitted logs."""
     output = variant.output.name
-    return [Simulation.of(run, s, output) for run, s in zip(runs, found, strict=True)]
+    pairs = [Simulation.of(run, s, output) for run, s in zip(runs, found, strict=True)]
+    return pairs if level is None else [replace(s, level=level) for s in pairs]
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,10 @@ class FitResult(Outcome):
         ]
         rows = [_row(name, q) for name, q in self.parameters.items()]
         wide = [max(map(len, column)) for column in zip(*rows)]
-        lines += [f"  {r[0]:{wide[0]}}  {r[1]:>{wide[1]}}  {r[2]:{wide[2]}}  {r[3]}" for r in rows]
+        lines += [
+            f"  {r[0]:{wide[0]}}  {r[1]:>{wide[1]}}  {r[2]:{wide[2]}}  {r[3]:{wide[3]}}  {r[4]}"
+            for r in rows
+        ]
         lines += [f"[{n.code}] {in_python(n.message)}" for n in self.notices]
         return "\n".join(lines)
 
@@ -65,7 +68,8 @@ class FitResult(Outcome):
             for name, q in self.parameters.items()
         )
         said = "".join(f"<li>{html.escape(in_python(n.message))}</li>" for n in self.notices)
-        head = "<tr><th>parameter</th><th>value</th><th>unit</th><th>95 % interval</th></tr>"
+        titles = ("parameter", "value", "std error", "unit", "95 % interval")
+        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
         return f"<p>{html.escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>" + (
             f"<ul>{said}</ul>" if said else ""
         )
@@ -130,10 +134,12 @@ class FitResult(Outcome):
         return plot_result(self)
 
 
-def _row(name: str, q: Quantity) -> tuple[str, str, str, str]:
-    """Name, value, unit and interval of a parameter as text."""
+def _row(name: str, q: Quantity) -> tuple[str, str, str, str, str]:
+    """Name, value, standard error, unit and interval of a parameter as text."""
+    status = q.status.replace("_", " ")
     if isinstance(q.value, list):
-        return name, f"[{len(q.value)} entries]", q.unit, q.status.replace("_", " ")
+        return name, f"[{len(q.value)} entries]", "", q.unit, status
+    error = f"± {q.std_error:.2g}" if isinstance(q.std_error, float) and q.std_error else ""
     if isinstance(q.ci95, list | tuple) and q.status == "estimated":
-        return name, f"{q.value:.6g}", q.unit, f"{q.ci95[0]:.6g} .. {q.ci95[1]:.6g}"
-    return name, f"{q.value:.6g}", q.unit, q.status.replace("_", " ")
+        return name, f"{q.value:.6g}", error, q.unit, f"{q.ci95[0]:.6g} .. {q.ci95[1]:.6g}"
+    return name, f"{q.value:.6g}", error, q.unit, status

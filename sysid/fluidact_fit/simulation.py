@@ -133,7 +133,8 @@ def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> li
             expected="Expected values and options of the file, and inputs, of one machine.",
             remedy="Check the options of the file, and --unit and --scale of the log.",
         ) from error
-    return pair(runs, found, plant.variant)
+    level = document.fit.level
+    return pair(runs, found, plant.variant, level.value if level else None)
 
 
 def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simulation]:

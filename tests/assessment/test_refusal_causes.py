@@ -83,3 +83,9 @@ def test_a_valve_faster_than_the_sampling_is_no_counter(tmp_path):
         ff.fit("valve", [write(tmp_path / "log.csv", log, attack.units)])
     assert "begin again" not in str(refused.value)
     assert "stop" not in str(refused.value)
+
+
+def test_a_sign_that_is_reversed_is_named():
+    force = swept(3.0) + 0.5 * swept(7.3)
+    assert "moves against 'force'" in cause_of(-np.cumsum(force) / 100.0, force)
+    assert not cause_of(np.cumsum(force) / 100.0, force)

@@ -115,7 +115,7 @@ def test_strict(here: Run, valve: Log, inside: Path) -> None:
     assert not (inside / "valve.yaml").exists()
     done = here("valve", log)
     assert done.status == 0
-    assert "\nwarning (unit-assumed): valve.csv: " in "\n" + done.err
+    assert "\nnote (unit-assumed): valve.csv: " in "\n" + done.err
     assert here("valve", log, "-fq").err == ""
     assert here("valve", log, "--strict", "-f", "--unit", "command=V").status == 0
 

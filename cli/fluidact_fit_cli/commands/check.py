@@ -11,7 +11,7 @@ from fluidact_fit.errors import MismatchError
 
 from .. import options
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, echo_warnings, format_number, format_spread
+from ..show import echo, echo_json, echo_notices, echo_table, format_number, format_spread
 
 if TYPE_CHECKING:
     from fluidact_fit.check import Check, Drift
@@ -40,16 +40,15 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
       - a parameter moved by more than 4 combined standard errors and by more than 2 %.
     """
     from fluidact_fit.check import check_logs
-    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import variant_of
 
-    document = read_document(params_file)
+    document = options.read_params(params_file, logs)
     options.check_role_names(params, [role.name for role in variant_of(document).roles])
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         found = check_logs(document, options.read_logs(logs, params), progress=progress)
     if not params["quiet"]:
-        echo_warnings(found.notices)
+        echo_notices(found.notices)
     if as_json:
         echo_json(found.to_dict())
     elif not params["quiet"]:

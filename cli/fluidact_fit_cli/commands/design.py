@@ -12,7 +12,7 @@ from fluidact_fit.families import family_names
 
 from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_option, parsed
 from ..outputs import check_targets, write_all
-from ..parse import parse_positive, parse_range
+from ..parse import parse_positive, parse_range, parse_seconds
 from ..progress import Progress
 from ..show import echo, echo_json, echo_table, format_interval, format_number, format_spread
 
@@ -35,9 +35,9 @@ _LIMITS = "Limits (SI)"
                "Largest slope of the driving role, per second (default: no limit).", _LIMITS),
         parsed("--stroke", "LOW:HIGH", "0:0.05", parse_range,
                "Range of the output (default: the file's validity).", _LIMITS),
-        parsed("--duration", "SECONDS", "10", parse_positive,
+        parsed("--duration", "SECONDS", "10", parse_seconds,
                "Duration (default: that of the longest log of the file).", _LIMITS),
-        parsed("--sample-time", "SECONDS", "0.01", parse_positive,
+        parsed("--sample-time", "SECONDS", "0.01", parse_seconds,
                "Time between samples (default: that of the same log).", _LIMITS),
         Option(["--criterion"], default="worst", metavar="worst|determinant|PARAMETER",
                group="Search", help="What to minimise: the worst relative standard error, the "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from math import inf
@@ -14,6 +14,7 @@ import click
 
 from fluidact_fit.errors import LogError, NotIdentifiedError, StrictError, UsageError
 from fluidact_fit.families import get_family
+from fluidact_fit.notices import is_information
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
@@ -31,10 +32,10 @@ from ..options import (
     read_logs,
 )
 from ..outputs import check_targets, write_all
-from ..parse import parse_number, parse_positive, parse_range, parse_window
+from ..parse import Quantity, parse_quantities, parse_quantity, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo, echo_json, echo_parameters, echo_warnings, json_text
+from ..show import echo, echo_json, echo_notices, echo_parameters, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -60,17 +61,23 @@ _JUDGING: list[click.Parameter] = [
            "result. Default: 0."),
 ]  # fmt: skip
 
+# Suffixes of what a fit reads, or writes elsewhere.
+_OTHERS = (
+    ".json", ".csv", ".tsv", ".xlsx", ".parquet", ".mat", ".h5", ".hdf5", ".tdms", ".mf4", ".png",
+    ".pdf", ".svg", ".html", ".htm",
+)  # fmt: skip
+
 # What is known of the parameters beforehand.
 _PARAMETERS: list[click.Parameter] = [
-    assignment("--fix", "NAME=VALUE", "dead_time=0", parse_number,
-               "Hold a parameter at a value (SI).", "Parameters"),
-    assignment("--start", "NAME=VALUE", "mass=50", parse_number,
-               "Where the search begins (SI).", "Parameters"),
-    assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
-               "Range of a parameter (SI).", "Parameters"),
-    assignment("--noise", "ROLE=SD", "force=0.1", parse_number,
-               "Standard deviation of white noise on a measured input (SI), 0 for an exact "
-               "one. Default: judged from the log.", "Parameters"),
+    assignment("--fix", "NAME=VALUE", "'dead_time=12 ms'", parse_quantity,
+               "Hold a parameter at a value, in SI or with its unit.", "Parameters"),
+    assignment("--start", "NAME=VALUE", "mass=50", parse_quantity,
+               "Where the search begins, in SI or with its unit.", "Parameters"),
+    assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_quantities,
+               "Range of a parameter, in SI or with its unit.", "Parameters"),
+    assignment("--noise", "ROLE=SD", "force=0.1", parse_quantity,
+               "Standard deviation of white noise on a measured input, in SI or with its unit; "
+               "0 for an exact one. Default: judged from the log.", "Parameters"),
 ]  # fmt: skip
 
 
@@ -114,7 +121,7 @@ def _output_options(name: str) -> list[click.Parameter]:
         flag("--json", "as_json", group=group,
              help="The parameter document as JSON on standard output, and nothing else. A file "
              "is then written only if -o names one."),
-        parsed("--controller-sample-time", "SECONDS", "0.002", parse_positive,
+        parsed("--controller-sample-time", "SECONDS", "0.002", parse_seconds,
                "Sample time of the discrete model in the file (default: the log's).", group),
     ]  # fmt: skip
 
@@ -124,18 +131,20 @@ def run_fit(
 ) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = targets_of(family.name, params)
-    _check_arguments(family, params, targets)
+    _check_names(family, params)
+    params = {**params, **_in_si(family, params)}
+    _check_files(params, targets)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         result = _judge(_fit(family, params, invocation, progress), params)
         progress("writing")
         write_all(_render(result, targets), params["force"])
-    if not params["quiet"]:
-        echo_warnings(result.notices)
     if params["as_json"]:
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
         echo("written to " + ", ".join(targets.values()))
+    if not params["quiet"]:
+        echo_notices(result.notices)
 
 
 def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
@@ -147,15 +156,17 @@ def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
     return {option: path for option, path in asked.items() if path is not None}
 
 
-def _check_arguments(
-    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Mapping[str, str]
-) -> None:
-    """Refuse what is wrong whatever the logs hold, before any is read."""
-    logs = (*params["logs"], *params["validate"])
+def _check_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+    """Refuse roles and parameters that the family has not."""
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
     driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
     check_names("--noise", "input", params["noise"], list(driving))
+
+
+def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
+    """Refuse logs and outputs that cannot be, before any log is read."""
+    logs = (*params["logs"], *params["validate"])
     seen = set()
     for path in logs:
         real = os.path.realpath(path)
@@ -166,6 +177,20 @@ def _check_arguments(
             )
         seen.add(real)
     check_targets(targets, logs, params["force"])
+    _check_suffix(targets.get("-o", ""))
+
+
+def _check_suffix(path: str) -> None:
+    """Refuse a name that promises another kind of file than the YAML that is written."""
+    suffix = Path(path).suffix.lower()
+    if suffix in _OTHERS:
+        json = suffix == ".json"
+        raise UsageError(
+            f"-o {path}: a parameter file is YAML.",
+            expected="Expected a name such as " + str(Path(path).with_suffix(".yaml")) + ".",
+            remedy="For JSON, give --json and redirect standard output, or export --to json."
+            if json else "Give pictures with --plot, a page with --report.",
+        )  # fmt: skip
 
 
 def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
@@ -178,6 +203,41 @@ def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, A
                     remedy=f"Leave out {option} {name}=...",
                 )
         check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
+
+
+def _in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers with a unit in the SI unit of their parameter or role, by option."""
+    specs = [p for v in family.variants for p in v.parameters]
+    roles = [r for v in family.variants for r in v.roles]
+    out: dict[str, Any] = {}
+    for option, known in (("fix", specs), ("start", specs), ("bounds", specs), ("noise", roles)):
+        out[option] = {
+            name: _converted(f"--{option}", name, value, [x.unit for x in known if x.name == name])
+            for name, value in params[option].items()
+        }
+    for name, (low, high) in out["bounds"].items():
+        if low >= high:
+            raise UsageError(f"--bounds {name}: {low:g} is not below {high:g}.")
+    return out
+
+
+def _converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
+    """A number in the first of some units that its own one measures the same as."""
+    if isinstance(value, Quantity):
+        wrong = ""
+        for unit in units:
+            try:
+                return value.in_unit(unit)
+            except ValueError as error:
+                wrong = str(error)
+        raise UsageError(
+            f"{option} {name}: {wrong}.",
+            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
+            "of the same quantity.",
+        )
+    if isinstance(value, tuple):
+        return tuple(_converted(option, name, end, units) for end in value)
+    return value
 
 
 def _fit(
@@ -246,9 +306,11 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
     """Refuse what may not be written, and mark what is written against the verdict."""
     said = "\n".join(f"  {n.code}: {n.message}" for n in result.notices)
     if params["strict"] and result.notices:
-        count = len(result.notices)
+        notes = sum(is_information(n.code) for n in result.notices)
+        counts = ((len(result.notices) - notes, "warning"), (notes, "note"))
+        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
         raise StrictError(
-            f"{count} warning{'s' if count > 1 else ''} under --strict, nothing was written:",
+            f"{count} under --strict, nothing was written:",
             expected=said,
             remedy="Remove the causes, or run without --strict.",
         )

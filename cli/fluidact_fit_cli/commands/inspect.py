@@ -11,7 +11,7 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
-from ..show import echo, echo_json, echo_table, echo_warnings, format_number
+from ..show import echo, echo_json, echo_notices, echo_table, format_number
 
 if TYPE_CHECKING:
     from fluidact_fit.logs import Log
@@ -56,7 +56,7 @@ def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
     elif not params["quiet"]:
         _show(found, roles)
     if not params["quiet"] and not as_json:
-        echo_warnings(Notice(n["code"], n["message"]) for n in found["notices"])
+        echo_notices(Notice(n["code"], n["message"]) for n in found["notices"])
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:

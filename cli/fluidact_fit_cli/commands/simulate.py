@@ -20,10 +20,11 @@ from ..options import (
     json_option,
     parsed,
     read_logs,
+    read_params,
 )
 from ..outputs import check_targets, write_all
-from ..parse import parse_positive, parse_step
-from ..show import echo, echo_result, echo_warnings, tell
+from ..parse import parse_seconds, parse_step
+from ..show import echo, echo_notices, echo_result, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
@@ -46,7 +47,7 @@ _OF_LOOPS = ("reference", "draws", "seed", "accept_not_identified", "plot", "as_
         assignment("--input", "ROLE=FROM:TO[@T]", "command=0:2@0.1", parse_step,
                    "An input that steps from FROM to TO (in its --unit, or SI) at T seconds.",
                    "Instead of a log"),
-        parsed("--duration", "SECONDS", "2", parse_positive,
+        parsed("--duration", "SECONDS", "2", parse_seconds,
                "How long to simulate (with --sample-time, or --controller).", "Instead of a log"),
         Option(["--controller"], metavar="FILE", group=_LOOP,
                help="A controller file: the machine of all PARAMS in closed loop."),
@@ -91,13 +92,12 @@ def command(
     if params["controller"] is not None:
         simulate_closed_loop([params_file, *logs], output, force, params)
         return
-    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import to_csv, variant_of
 
     _check_source(logs, params)
     if output is not None:
         check_targets({"-o": output}, [params_file, *logs], force)
-    document = read_document(params_file)
+    document = read_params(params_file, logs)
     roles = [role.name for role in variant_of(document).roles]
     check_role_names(params, roles)
     check_names("--input", "role", params["input"], roles)
@@ -159,7 +159,7 @@ def _with_logs(
 
     runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
     if not params["quiet"]:
-        echo_warnings(notices)
+        echo_notices(notices)
     return simulate_runs(document, runs)
 
 
@@ -172,5 +172,5 @@ def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[
         document, steps, params["unit"], params["duration"], params["sample_time"]
     )
     if not params["quiet"]:
-        echo_warnings(beyond_validity(document, [run.experiment for run in runs]))
+        echo_notices(beyond_validity(document, [run.experiment for run in runs]))
     return runs

@@ -19,8 +19,10 @@ _LEAST = 200  # samples of a log that tells
 _AHEAD = 4.0  # times as much that follows as precedes
 _NOISE = 6.0  # standard deviations within which a value is the same
 _BAND = 0.01  # of its range, the same of a channel without noise
+_SPEED = 5  # samples over which a change is taken
 _AT_END = 0.05  # of the samples, that are at one end
 _PUSHED = 0.25  # of its range, which an input changes while the output is there
+_AGAINST = 0.5  # correlation of an input and the motion against it
 _JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
 _OTHERWISE = 0.2  # of its range, below which all other steps are
 _BEYOND = 1.1  # times its range, over which a counter goes on
@@ -48,6 +50,11 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "
                 "be swapped, and",
                 f"Check --column {role}=... and --column {output}=...",
+            )
+        if _moves_against(runs, role, output):
+            yield Cause(
+                f"'{output}' moves against '{role}': one of them seems to have the other sign, and",
+                f"If so, give --scale {role}=-1 or --scale {output}=-1; else check their columns.",
             )
     measured = [r.name for r in variant.roles if r.name != "time" and r.hold != "zoh"]
     for role in measured:
@@ -82,6 +89,26 @@ def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
         behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in _LAGS)
         least += 3.0 * len(_LAGS) / u.size
     return behind > max(_AHEAD * ahead, least)
+
+
+def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:
+    """Whether the output, or its change, follows an input of the other sign alone.
+
+    What swings follows one of either sign, half a period later.
+    """
+    along, against = 0.0, 0.0
+    for e in runs:
+        if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
+            continue
+        u = e[role] - e[role].mean()
+        y = e[output] - e[output].mean()
+        speed = y[_SPEED:] - y[:-_SPEED]
+        for moved, drive in ((y, u), (speed, u[: speed.size])):
+            power = float(np.linalg.norm(drive) * np.linalg.norm(moved)) or 1.0
+            for k in (0, *_LAGS):
+                found = float(drive[: drive.size - k] @ moved[k:]) / power
+                along, against = max(along, found), min(against, found)
+    return against < -max(_AGAINST, 2.0 * along)
 
 
 def _turn(values: FloatArray) -> float:

@@ -21,10 +21,9 @@ from .arrays import Named, joined
 from .log import Element, count_of
 from .native import Recording, Vector, read_apart
 from .source import name_of
+from .stamps import is_time_name
 
 _BATCH = 1 << 16  # rows that are decoded at once
-_TIMES = {"time", "t", "zeit", "temps", "tiempo", "tempo", "timestamp", "timestamps",
-          "time stamp", "zeitstempel", "elapsed time"}  # fmt: skip
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
     b"MATLAB 5.0": "matlab",
@@ -332,6 +331,4 @@ def _is_time(vector: Vector) -> bool:
         return True
     name, unit = parse_unit_from_header(vector.name)
     unit = vector.unit or unit
-    return name.strip().casefold().replace("_", " ") in _TIMES and (
-        unit is None or same_dimension(unit, "s")
-    )
+    return is_time_name(name) and (unit is None or same_dimension(unit, "s"))

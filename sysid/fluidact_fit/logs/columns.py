@@ -14,7 +14,7 @@ from ..specification import Role
 from ..units import conversion_factor, same_dimension, unit_within, without_size
 from .carry import find_carry
 from .log import Column, Log
-from .stamps import names_time
+from .stamps import is_time_name, names_time
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
@@ -31,6 +31,7 @@ _IN_DAYS = (30_000.0, 65_000.0), (725_000.0, 770_000.0), (2_440_000.0, 2_490_000
 _DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
 _UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde|^(?:hh?|mm?|ss?)$", re.I)
 _PARTS = 60, 10**3, 10**6, 10**9  # of a minute, an hour or a second
+_EVEN = 0.01  # of a step
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,8 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
 def default_column(log: Log, role: str) -> Column | None:
     """Return the column whose name, unit and case aside, is the role; ``None`` without one.
 
-    The one column of clock times is the time where no other is called so.
+    The one column of clock times is the time where no other is called so, else the one that has
+    another name for it.
     """
     for name in (role, *_SYNONYMS.get(role, ())):
         named = [c for c in log.columns if c.header and not c.part_of]
@@ -183,8 +185,25 @@ def default_column(log: Log, role: str) -> Column | None:
         parts = [c for c in log.columns if c.also and _fold(name) in map(_fold, c.also)]
         if len(parts) == 1:
             return parts[0]
-    clocks = [c for c in log.columns if c.clock] if role == "time" else []
-    return clocks[0] if len(clocks) == 1 else None
+    if role != TIME.name:
+        return None
+    clocks = [c for c in log.columns if c.clock]
+    timed = [c for c in log.columns if c.header and not c.part_of and _is_called_time(c)]
+    found = clocks if len(clocks) == 1 else [c for c in timed if not _is_given(log, c)]
+    return found[0] if len(found) == 1 else None
+
+
+def _is_called_time(column: Column) -> bool:
+    """Whether a column has another name of time, in a unit of it or in none."""
+    named = is_time_name(column.name) or is_time_name(column.header)
+    named = named or (column.index == 1 and _fold(column.name) == "x" and _is_even(column))
+    return named and (column.unit is None or same_dimension(column.unit, TIME.unit))
+
+
+def _is_even(column: Column) -> bool:
+    """Whether all steps are the same but for rounding, as those of the axis of a plot are."""
+    steps = np.diff(column.values)
+    return steps.size > 2 and bool(np.all(np.abs(steps - steps.mean()) < _EVEN * steps.mean()))
 
 
 def _is_given(log: Log, column: Column) -> bool:
@@ -371,18 +390,22 @@ def require_roles(log: Log, roles: Sequence[Role]) -> None:
     for role in missing:
         if role in log.elsewhere:
             raise _no_column(log, role, log.bindings[role])
-    names = " and ".join(f"'{name}'" for name in missing)
-    remedy = f"Give --column {missing[0]}=HEADER (or #N)"
-    if missing[0] == "time":
+    *others, last = (f"'{name}'" for name in missing)
+    names = f"{', '.join(others)} and {last}" if others else last
+    options = [f"--column {name}=HEADER" for name in missing if name != TIME.name]
+    remedies = [f"Give {' '.join(options)} (or #N)."] if options else []
+    if TIME.name in missing:
         likely = time_candidate(log)
+        given = "HEADER (or #N)"
         if likely is not None:
-            remedy = f"Give --column time=#{likely.column.index}, which looks like it"
-        remedy += ", or --sample-time SECONDS if it was not recorded"
+            given = f"#{likely.column.index}, which looks like it"
+        words = f"Give --column time={given}, or --sample-time SECONDS if it was not recorded."
+        remedies.insert(0, words)
     raise LogError(
         f"no column is named {names}.",
         where=log.name,
         expected=f"Its columns are {list_columns(log)}.",
-        remedy=f"{remedy}.",
+        remedy="\n".join(remedies),
     )
 
 

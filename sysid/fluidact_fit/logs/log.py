@@ -16,6 +16,7 @@ from ..experiment import FloatArray, Hold
 from .exact import Exact
 
 MIN_RUN = 3  # samples
+_SHOWN = 8  # columns in a line
 IntArray = npt.NDArray[np.integer[Any]]
 
 
@@ -152,7 +153,7 @@ class Account:
     elements: tuple[Element, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Log:
     """A log as recorded, with what the user said about it.
 
@@ -216,6 +217,11 @@ class Log:
     invalid: Invalid | None = None
     places: IntArray | None = None
     disposable: bool = False
+
+    def __repr__(self) -> str:
+        names = ", ".join(c.label for c in self.columns[:_SHOWN])
+        more = f" and {len(self.columns) - _SHOWN} more" * (len(self.columns) > _SHOWN)
+        return f"<Log {self.name}: {count_of(self.rows, 'row')} of {names}{more}>"
 
     @property
     def rows(self) -> int:

@@ -10,6 +10,7 @@ from ..errors import LogError
 from ..units import looks_like_unit, parse_unit_from_header
 from .layout import LONG_CELL, Cut, Layout, says_nothing
 from .log import count_of
+from .stamps import is_time_name
 
 _SAME = "Expected the same columns from the first to the last row."
 _ONE = r"(?:channel|kanal|canal|voie|variable|signal|sensor|trace|curve|kurve)"
@@ -24,7 +25,6 @@ _OF_DATE = re.compile(
 )
 _MANY = 3  # rows of another width one below the other that no preamble holds by accident
 _SHARE = 0.01
-_TIMES = {"t", "time", "zeit", "temps", "tiempo", "tempo", "timestamp", "zeitstempel"}
 
 
 def refuse_other_header(
@@ -216,7 +216,7 @@ def _names_columns(cells: Sequence[str], headers: Sequence[str]) -> bool:
     """Whether words name a column that a header has, too, or most of them have units."""
     named = [parse_unit_from_header(text.strip()) for text in cells]
     known = {parse_unit_from_header(text)[0].casefold() for text in headers} - {""}
-    if any(name.casefold() in _TIMES for name, _ in named[:1]):
+    if any(is_time_name(name) for name, _ in named[:1]):
         return True
     units = sum(unit is not None for _, unit in named)
     return bool(known & {name.casefold() for name, _ in named}) or 2 * units > len(named)

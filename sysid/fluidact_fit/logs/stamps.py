@@ -41,6 +41,19 @@ _DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.
 _SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
 
 _TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
+# What columns of time are called and no others, as far as is known.
+_TIME_NAMES = frozenset({
+    "t", "time", "times", "time stamp", "timestamp", "timestamps", "elapsed",
+    "x value", "elapsed time", "time elapsed", "rel time", "relative time", "abs time",
+    "absolute time", "run time", "log time", "sample time", "recording time", "system time",
+    "time axis",
+    "tout", "t out", "tsim", "datetime", "date time", "date/time", "sec", "secs", "second",
+    "seconds", "msec", "millis", "milliseconds", "micros", "microseconds", "clock",
+    "zeit", "zeiten", "zeitstempel", "zeitpunkt", "zeitachse", "uhrzeit", "messzeit", "laufzeit",
+    "relativzeit", "abs zeit", "sek", "sekunde", "sekunden", "millisekunden",
+    "temps", "horodatage", "secondes", "tiempo", "tiempos", "segundos", "tempo", "tempi",
+    "secondi", "tijd", "tid", "czas", "\u65f6\u95f4", "\u6642\u9593", "\u6642\u523b",
+})  # fmt: skip
 
 
 class Stamp(NamedTuple):
@@ -63,6 +76,11 @@ class Stamp(NamedTuple):
 def names_time(header: str) -> bool:
     """Return whether a column is called as columns of time are."""
     return _TIME_NAME.search(header) is not None
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a name, without a unit, is that of columns of time and of no others."""
+    return " ".join(name.casefold().replace("_", " ").replace("-", " ").split()) in _TIME_NAMES
 
 
 def is_stamp(text: str) -> bool:

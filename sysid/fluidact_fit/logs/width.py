@@ -16,6 +16,7 @@ from ..errors import LogError
 from ..units import SUFFIXES, looks_like_unit, parse_unit_from_header
 from .layout import Cut, says_nothing
 from .log import count_of
+from .stamps import is_time_name
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
@@ -24,7 +25,6 @@ _LONGEST_HEADER = 4000  # characters
 _ROWS = 50  # that are looked at
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 _ABOVE = 3  # lines with text in which the names are looked for
-_TIME = {"t", "time", "zeit", "temps", "tiempo", "tempo"}
 
 
 def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) -> tuple[Cut, int]:
@@ -84,7 +84,7 @@ def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) ->
         return
     parsed = [parse_unit_from_header(cell) for cell in names]
     units = sum(unit is not None for _, unit in parsed)
-    timed = any(text.casefold() in _TIME for text, _ in parsed)
+    timed = any(is_time_name(text) for text, _ in parsed)
     if not (timed or 2 * units >= len(names) or cut.delimiter == " "):
         return
     raise LogError(

@@ -266,10 +266,15 @@ class _KnownDetails(BaseModel):
 
 
 class Fit(Part):
-    """How well the model describes the data it was fitted to."""
+    """How well the model describes the data it was fitted to.
+
+    ``level`` is the mean of the output over all fitted logs, against which ``fit_percent`` counts
+    of every log; without it, each log is counted against its own mean.
+    """
 
     verdict: Verdict
     fit_percent: Percent | None = None
+    level: Measure | None = None
     rmse: Deviation
     samples: Count
     residual_whiteness: Whiteness | None = None

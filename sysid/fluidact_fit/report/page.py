@@ -222,11 +222,14 @@ def _whiteness(document: ParameterDocument) -> str:
     if w is None:
         return ""
     p = w.p_value
-    found = (
-        "are white" if p >= 0.01 else "are not white: they contain structure that the model lacks"
+    value = f"= {p:.2g}" if p >= 1e-4 else "&lt; 0.0001"
+    if p >= 0.01:
+        return f'<p class="faint">Residuals are white (p {value}).</p>'
+    return (
+        f'<p class="faint">Residuals are autocorrelated (p {value}): by noise that lasts, which '
+        "the intervals allow for, or by something that the model lacks. Where that would move a "
+        "parameter beyond its interval, a warning names it.</p>"
     )
-    value = f"= {p:.2g}" if p >= 1e-4 else " &lt; 0.0001"
-    return f'<p class="faint">Residuals {found} (p {value}).</p>'
 
 
 def _validity(document: ParameterDocument) -> str:
@@ -268,7 +271,9 @@ def _heat(covariance: float, scale: float) -> str:
 
 
 def _model(document: ParameterDocument) -> str:
-    equation = f"<h2>Model</h2><p>{code(get_family(document.family).equation)}</p>"
+    family = get_family(document.family)
+    equation = family.variant(document.variant).equation or family.equation
+    equation = f"<h2>Model</h2><p>{code(equation)}</p>"
     if not document.model:
         return equation
     # as it stands in the file, without the file's first comment

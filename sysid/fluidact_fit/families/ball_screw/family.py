@@ -97,7 +97,16 @@ def _variant(
                           remedy="Record slow motion: reversals, starts and stops that take many "
                           "samples; leave --stribeck out if friction falls at once."),
         ),
+        equation=_equation(axis),
     )  # fmt: skip
+
+
+def _equation(axis: Axis) -> str:
+    return (
+        f"{axis.inertia} * {axis.motion}'' = {axis.drive} - viscous * {axis.motion}' - "
+        "friction(direction), stuck below breakaway; friction = coulomb + (breakaway - coulomb) * "
+        f"exp(-({axis.motion}' / stribeck_speed)^2)"
+    )
 
 
 class BallScrew(Family[BallScrewOptions]):
@@ -105,10 +114,7 @@ class BallScrew(Family[BallScrewOptions]):
 
     name = "ball-screw"
     title = "Ball-screw drive: inertia, viscous friction and four Coulomb levels"
-    equation = (
-        "inertia * angle'' = torque - viscous * angle' - friction(direction), stuck below "
-        "breakaway; friction = coulomb + (breakaway - coulomb) * exp(-(angle' / stribeck_speed)^2)"
-    )
+    equation = _equation(ROTARY)
     variants = (
         _variant("rotary", ROTARY, "N m", "rad", "kg m2", "N m s/rad"),
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),

@@ -135,7 +135,10 @@ def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:
     moved = Role(motion, unit, f"{motion.replace('_', ' ')} of the {axis.body}")
     parameters = _parameters(axis)
     if pressures:
-        return Variant(motion + PRESSURES, (time, moved, _DRIVING, _OTHER), parameters)
+        roles = (time, moved, _DRIVING, _OTHER)
+        return Variant(
+            motion + PRESSURES, roles, parameters, equation=_equation(axis, driven=_AREAS)
+        )
     drive = Role(
         axis.drive,
         axis.force_unit,
@@ -143,7 +146,20 @@ def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:
         output=True,
     )
     chambers = (_OPPOSING, _OTHER) if axis is LINEAR else ()
-    return Variant(motion, (time, drive, moved, *chambers), parameters)
+    driven = f"{axis.drive} - ({_AREAS})" if chambers else axis.drive
+    return Variant(motion, (time, drive, moved, *chambers), parameters,
+                   equation=_equation(axis, driven))  # fmt: skip
+
+
+_AREAS = "area * pressure - area_2 * pressure_2"
+
+
+def _equation(axis: Axis, driven: str) -> str:
+    return (
+        f"{driven} - {axis.inertia} * acceleration = "
+        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
+        f"+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2), v the {axis.speed_words}"
+    )
 
 
 class CylinderFriction(Family[FrictionOptions]):
@@ -152,11 +168,8 @@ class CylinderFriction(Family[FrictionOptions]):
     name = "cylinder-friction"
     title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
     equation = (
-        "force - (area * pressure - area_2 * pressure_2) - mass * acceleration = "
-        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
-        "+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2); without a force, "
-        "area * pressure - area_2 * pressure_2 drives; torque, inertia and angular velocity of a "
-        "shaft alike"
+        f"{_equation(LINEAR, f'force - ({_AREAS})')}; without a force, {_AREAS} drives; torque, "
+        "inertia and angular velocity of a shaft alike"
     )
     variants = tuple(
         _variant(axis, motion, pressures)

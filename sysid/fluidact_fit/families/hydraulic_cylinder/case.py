@@ -16,6 +16,9 @@ from ...signals import smooth
 from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows, window_length
 
+_PRESSURES = "pressure_1", "pressure_2"
+_ABOVE_SUPPLY = 10.0  # times the supply pressure, more than any rod side is raised to
+
 
 @dataclass(frozen=True)
 class FrictionRows:
@@ -164,9 +167,23 @@ def make_case(
             )
     chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
     machine = read_machine(request.options, chambers)
+    _check_supply(machine, experiments)
     check_volumes(machine, experiments)
     window = request.options.window or window_length(experiments)
     return Case(variant, experiments, request, machine, chambers, window)
+
+
+def _check_supply(machine: Machine, experiments: Sequence[Experiment]) -> None:
+    """Refuse a supply pressure far below what was recorded: a rod side multiplies it by a few."""
+    found = [(float(e[r].max()), r) for e in experiments for r in _PRESSURES if r in e]
+    most, role = max(found)
+    if most > _ABOVE_SUPPLY * machine.supply:
+        raise UsageError(
+            f"--supply-pressure {machine.supply:g} Pa is far below the {most:.3g} Pa that "
+            f"{role} reaches",
+            expected="Expected a pressure in Pa, or with its unit, as '50 bar'.",
+            remedy="Check --supply-pressure and the units of the pressures and of the areas.",
+        )
 
 
 def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> Machine:
@@ -237,5 +254,5 @@ def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:
                 f"position {sign * deepest:.4g} m of {name}",
                 expected=f"It is the volume at position 0 and more than {taken:.3g} m3 here.",
                 remedy="Give the volume of chamber and line with the piston at position 0 (m3), "
-                "and check the sign and the unit of the position.",
+                "and check the units of the areas (m2), and sign and unit of the position.",
             )
