@@ -45,6 +45,9 @@ def test_a_summary_names_every_parameter(result: ff.FitResult) -> None:
         assert name in page
         if quantity.status != "estimated":
             assert quantity.status.replace("_", " ") in text
+        elif isinstance(quantity.std_error, float):
+            assert f"± {quantity.std_error:.2g}" in text
+            assert f"± {quantity.std_error:.2g}" in page
     assert result.verdict in text.lower()
     assert "<table" in page
 

@@ -455,6 +455,11 @@ def test_nonsense_is_refused() -> None:
         ff.fit("hydraulic-cylinder", list(dataset()), tank_pressure=6e6, **GIVEN)
     with pytest.raises(UsageError, match="exchange the chambers"):
         ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "area_2": 5e-4})
+    with pytest.raises(UsageError, match="far below the 4"):
+        ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "supply_pressure": 50.0})
+    areas = {"area_1": 4.91, "area_2": 2.37}  # cm2
+    with pytest.raises(UsageError, match="units of the areas"):
+        ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, **areas})
 
 
 def test_a_pressure_is_needed(tmp_path: Path) -> None:

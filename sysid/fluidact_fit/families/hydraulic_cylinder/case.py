@@ -181,7 +181,7 @@ def _check_supply(machine: Machine, experiments: Sequence[Experiment]) -> None:
         raise UsageError(
             f"--supply-pressure {machine.supply:g} Pa is far below the {most:.3g} Pa that "
             f"{role} reaches",
-            expected="Expected a pressure in Pa, or with its unit, as '50 bar'.",
+            expected="Expected a pressure in Pa: 50 bar are 5e6 Pa.",
             remedy="Check --supply-pressure and the units of the pressures and of the areas.",
         )
 
