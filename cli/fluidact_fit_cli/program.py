@@ -16,7 +16,8 @@ from .options import DEBUG
 
 # Command, the module in ``commands``, and its line in the list.
 _COMMANDS = {
-    "inspect": "Show what is in a log and what is wrong with it.",
+    "inspect": "Show what is in a log, what is wrong with it, and which families fit it.",
+    "fit": "Find the family and the columns that fit a log, and fit it.",
     "check": "Check whether a parameter file still describes the machine.",
     "simulate": "Simulate a parameter file with the inputs of a log.",
     "export": "Write a parameter file in the language of a controller.",
@@ -28,6 +29,7 @@ _COMMANDS = {
     "demo": "Fit synthetic logs of every family, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
 }
+_MODULES = {"fit": "fit_any"}
 _EPILOG = """\b
 Examples:
   fluidact-fit line trial1.csv trial2.csv --unit inlet=bar --unit outlet=bar -o line.yaml
@@ -53,7 +55,8 @@ class Program(click.Group):
 
             return make_command(cmd_name)
         if cmd_name in _COMMANDS:
-            module = import_module(f".commands.{cmd_name.replace('-', '_')}", __package__)
+            name = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
+            module = import_module(f".commands.{name}", __package__)
             command: click.Command = module.command
             return command
         return None

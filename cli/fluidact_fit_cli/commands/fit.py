@@ -93,7 +93,7 @@ def make_command(name: str) -> click.Command:
         name,
         params=[
             click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
-            *_output_options(name),
+            *output_options(name),
             *READING,
             *family_options(family),
             *_PARAMETERS,
@@ -106,7 +106,8 @@ def make_command(name: str) -> click.Command:
     )
 
 
-def _output_options(name: str) -> list[click.Parameter]:
+def output_options(name: str) -> list[click.Parameter]:
+    """What a fit writes, and where."""
     group = "Output"
     return [
         Option(["--output", "-o"], metavar="FILE", group=group,

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,9 +14,11 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
+from ..progress import Progress
 from ..show import echo, echo_json, echo_notices, echo_table, format_number
 
 if TYPE_CHECKING:
+    from fluidact_fit.advice import Suggestion
     from fluidact_fit.logs import Log
 
 _LISTED = 8  # lines that were left out, one by one
@@ -23,21 +28,29 @@ _LISTED = 8  # lines that were left out, one by one
     "inspect",
     cls=options.Command,
     params=[
-        click.Argument(["log"], metavar="LOG"),
+        click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
         options.Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY",
                        group="Output",
-                       help="Also check whether the log can be used for this model family."),
+                       help="Judge the log for this model family alone, and refuse it where it "
+                       "cannot be used."),
+        options.flag("--trial/--no-trial", group="Output", default=True,
+                     help="Fit the likeliest families to see what they determine. Default: yes, "
+                     "of logs of up to 20,000 rows."),
         options.json_option("The description"),
         *options.READING,
         *options.VERBOSITY,
     ],
 )  # fmt: skip
-def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
-    """Show what is in a LOG and what is wrong with it.
+def command(
+    logs: tuple[str, ...], family: str | None, trial: bool, as_json: bool, **params: Any
+) -> None:
+    """Show what is in a LOG, what is wrong with it, and which families fit it.
 
-    Without --family only --column time=..., --unit time=... and --scale time=... matter: the other
-    roles are unknown. With --family it also says whether the log can be fitted.
+    Several LOGs are experiments on one machine. Families are chosen by the units and names of the
+    columns, and tried: what they determine, what they do not, and the command to run next. Without
+    --family only --column time=..., --unit time=... and --scale time=... matter for the time.
     """
+    from fluidact_fit.advice import suggest
     from fluidact_fit.errors import Notice
     from fluidact_fit.logs import describe
     from fluidact_fit.logs.columns import find_column
@@ -45,18 +58,50 @@ def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
     if family is not None:
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
-    (read,) = options.read_logs([log], params)
-    # Refuses a column that is not there.
-    roles = {find_column(read, role, at).index: role for role, at in read.bindings.items()}
-    found = describe(read)
-    if family is not None:
-        found["family"] = _usable(read, family, found)
+    read = options.read_logs(logs, params)
+    every = []
+    for log in read:
+        # Refuses a column that is not there.
+        roles = {find_column(log, role, at).index: role for role, at in log.bindings.items()}
+        found = describe(log)
+        if family is not None:
+            found["family"] = _usable(log, family, found)
+        every.append(found)
+        if not as_json and not params["quiet"]:
+            _show(found, roles)
+            echo_notices(Notice(n["code"], n["message"]) for n in found["notices"])
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        advice = suggest(read, logs, family, trial=trial, progress=progress)
     if as_json:
-        echo_json(found)
+        listed = {"suggestions": [asdict(s) for s in advice]}
+        echo_json({**every[0], **listed} if len(every) == 1 else {"logs": every, **listed})
     elif not params["quiet"]:
-        _show(found, roles)
-    if not params["quiet"] and not as_json:
-        echo_notices(Notice(n["code"], n["message"]) for n in found["notices"])
+        show_advice(advice)
+
+
+def show_advice(advice: Sequence[Suggestion]) -> None:
+    """Say which families fit, what they do not determine, and what to run."""
+    from fluidact_fit.outcome import percent_text
+
+    if not advice:
+        return
+    echo()
+    head = ["family", "verdict", "fit", "columns"]
+    rows = [
+        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
+         " ".join(f"{role}={at}" for role, at in s.columns.items())]
+        for s in advice
+    ]  # fmt: skip
+    echo_table([head, *rows], right=(2,))
+    best = advice[0]
+    for name, message in best.not_identified.items():
+        echo(f"not determined: {message or name}")
+    if best.reason:
+        echo(f"{best.family}: {best.reason}")
+    for one, other in best.unsure:
+        echo(f"{one} and {other} could be exchanged: check which column is which")
+    echo("next:")
+    echo(f"  {best.powershell if os.name == 'nt' else best.command}")
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .examination import Examined, examine
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
-from .refusal_causes import Cause, find_cause
+from .refusal_causes import Cause, find_cause, leads
 from .verdict import judge, residual_whiteness
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "examine",
     "find_cause",
     "judge",
+    "leads",
     "most_outliers",
     "outlier_notice",
     "residual_whiteness",

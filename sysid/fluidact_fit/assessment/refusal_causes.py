@@ -16,7 +16,10 @@ from ..family import Variant
 
 _LAGS = range(1, 51)  # samples
 _LEAST = 200  # samples of a log that tells
-_AHEAD = 4.0  # times as much that follows as precedes
+_AHEAD = 4.0  # times as much that follows as precedes, where a log is refused for it
+_AGREES = 0.5  # of the largest correlation, from which on two signals agree
+_LATER = 3  # times the lag one way, that the lag the other way is, where it tells which is first
+_CHANCE = 5.0  # standard deviations of a correlation by chance
 _NOISE = 6.0  # standard deviations within which a value is the same
 _BAND = 0.01  # of its range, the same of a channel without noise
 _SPEED = 5  # samples over which a change is taken
@@ -89,6 +92,29 @@ def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
         behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in _LAGS)
         least += 3.0 * len(_LAGS) / u.size
     return behind > max(_AHEAD * ahead, least)
+
+
+def leads(first: FloatArray, second: FloatArray) -> bool | None:
+    """Whether the changes of one signal precede those of another; ``None`` where none does.
+
+    By the shortest lag at which they agree about as well as at any: what a signal does again agrees
+    at others, too.
+    """
+    known = np.isfinite(first) & np.isfinite(second)
+    if np.count_nonzero(known) < _LEAST:
+        return None
+    u, y = np.diff(first[known]), np.diff(second[known])
+    power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
+    ahead = np.abs([float(u[:-k] @ y[k:]) / power for k in _LAGS])
+    behind = np.abs([float(y[:-k] @ u[k:]) / power for k in _LAGS])
+    most = max(ahead.max(), behind.max())
+    if most < _CHANCE / np.sqrt(u.size):
+        return None
+    one, other = (
+        int(np.argmax(x > _AGREES * most)) + 1 if x.max() > _AGREES * most else 4 * len(x)
+        for x in (ahead, behind)
+    )
+    return one < other if max(one, other) >= _LATER * min(one, other) else None
 
 
 def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:

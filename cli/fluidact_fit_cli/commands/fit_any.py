@@ -1,0 +1,80 @@
+"""``fluidact-fit fit``: the family and the columns that fit, then the fit."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import UsageError
+
+from .. import options
+from ..errors import Invocation
+from ..progress import Progress
+from ..show import tell
+from .fit import make_command, output_options
+from .inspect import show_advice
+
+if TYPE_CHECKING:
+    from fluidact_fit.advice import Suggestion
+
+
+@click.command(
+    "fit",
+    cls=options.Command,
+    params=[
+        click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
+        *output_options("FAMILY"),
+        *options.READING,
+        *options.VERBOSITY,
+    ],
+)
+@click.pass_context
+def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None:
+    """Find the family and the columns that fit LOGs, and fit it.
+
+    What is chosen is said, and stands in the file as the command that does the same. Where two
+    families fit alike, or two columns could be exchanged, a terminal is asked; elsewhere nothing is
+    fitted, and the commands are listed. `inspect` shows the choice alone.
+    """
+    from fluidact_fit.advice import column_options, is_clear, suggest
+
+    invocation = ctx.find_object(Invocation) or Invocation(("fit", *logs))
+    read = options.read_logs(logs, params)
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        found = suggest(read, logs, progress=progress)
+    chosen = found[0] if is_clear(found) else _ask(found)
+    words = [w for w in invocation.args if w != "--debug"]
+    words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read[0])]
+    if not params["quiet"]:
+        tell(f"note (family-found): {chosen.command}")
+    family = make_command(chosen.family)
+    family.main(words[1:], prog_name=f"fluidact-fit {chosen.family}", standalone_mode=False,
+                obj=Invocation(tuple(words), invocation.read, invocation.written))  # fmt: skip
+
+
+def _ask(found: Sequence[Suggestion]) -> Suggestion:
+    """The choice of a person; ``UsageError`` where nobody can be asked, or nothing is possible."""
+    able = [s for s in found if s.verdict in ("pass", "warn", "fail")]
+    if not able:
+        reasons = "\n".join(f"  {s.family}: {s.reason}" for s in found)
+        raise UsageError(
+            "no family fits these logs as they are.",
+            expected=f"What was tried:\n{reasons}" if found else
+            "Expected columns whose units or names tell what they are.",
+            remedy="Run the family with --column, --unit and what it asks for; inspect shows the "
+            "columns.",
+        )  # fmt: skip
+    if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
+        raise UsageError(
+            "more than one reading of these logs is possible.",
+            expected="\n".join(f"  {s.command}" for s in able),
+            remedy="Run the one that is meant.",
+        )
+    show_advice(able)
+    number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
+                          err=True)  # fmt: skip
+    return able[number - 1]

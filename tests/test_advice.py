@@ -1,0 +1,117 @@
+"""What inspect suggests is what a fit does next."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies.advice import suggest_for
+
+import fluidact_fit as ff
+from fluidact_fit.advice import is_clear, suggest
+from fluidact_fit.assessment import leads
+from fluidact_fit_cli.main import run
+
+
+@pytest.mark.parametrize("family", ["line", "hydrostatic", "cylinder-friction", "potentiometer"])
+def test_a_disguised_log_is_of_its_family(family: str) -> None:
+    found = suggest_for(family, 77)
+    assert found.first == family
+    assert found.columns
+    assert found.alike
+
+
+def bench(folder: Path, header: str = "Zeit [ms];p1 [bar];p2 [bar]") -> Path:
+    """A line of 0.12 s behind a dead time of 20 ms, inlet first."""
+    rng = np.random.default_rng(4)
+    t = 0.01 * np.arange(600)
+    inlet = np.repeat(rng.uniform(1.0, 5.0, 12), 50)
+    outlet, y = np.empty(t.size), inlet[0]
+    for k in range(t.size):
+        outlet[k] = y
+        y = inlet[max(k - 2, 0)] + (y - inlet[max(k - 2, 0)]) * np.exp(-0.01 / 0.12)
+    outlet += 0.01 * rng.standard_normal(t.size)
+    path = folder / "bench.csv"
+    table = np.column_stack([1e3 * t, outlet, inlet])  # the outlet stands first
+    np.savetxt(path, table, delimiter=";", header=header, comments="", fmt="%.6g")
+    return path
+
+
+def test_what_leads_is_the_input(tmp_path: Path) -> None:
+    (found,) = suggest([ff.read_log(bench(tmp_path))], ["bench.csv"], "line")
+    assert dict(found.columns) == {"inlet": "#3", "outlet": "#2"}
+    assert found.verdict == "pass"
+    assert not found.unsure
+
+
+def test_columns_that_could_be_exchanged_are_no_clear_case(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    table = np.column_stack([np.arange(400) * 0.01, rng.normal(size=(400, 2))])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, delimiter=",", header="time [s],a [bar],b [bar]", comments="")
+    found = suggest([ff.read_log(path)], ["log.csv"])
+    assert not is_clear(found)
+
+
+def test_order_in_time() -> None:
+    u = np.random.default_rng(0).standard_normal(400)
+    late = np.r_[np.zeros(3), u[:-3]]
+    assert leads(u, late) is True
+    assert leads(late, u) is False
+    assert leads(u, u[::-1].copy()) is None
+    assert leads(u[:20], late[:20]) is None
+
+
+def test_the_suggested_command_runs_as_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench(tmp_path, "Zeit [ms];Druck far [bar];Druck in [bar]")
+    assert run(["inspect", "bench.csv"]) == 0
+    command = capsys.readouterr().out.splitlines()[-1].strip()
+    name, *words = shlex.split(command)
+    assert name == "fluidact-fit"
+    assert run(words) == 0, capsys.readouterr().err
+    assert ff.read_document("line.yaml").parameters["time_constant"].value == pytest.approx(
+        0.12, abs=0.005
+    )
+
+
+def test_fit_finds_the_family_and_writes_the_command_that_does_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench(tmp_path)
+    assert run(["fit", "bench.csv"]) == 0
+    said = capsys.readouterr()
+    assert "note (family-found): fluidact-fit line bench.csv" in said.err
+    document = ff.read_document("line.yaml")
+    name, *words = shlex.split(document.provenance.command)
+    assert (name, words[0]) == ("fluidact-fit", "line")
+    assert run([*words, "-f"]) == 0
+    again = ff.read_document("line.yaml")
+    assert again.parameters == document.parameters
+    assert run(["fit", "bench.csv"]) == 2  # kept
+
+
+def test_fit_asks_for_what_no_log_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = Path(__file__).parents[1] / "datasets" / "hydraulic-cylinder" / "trial1.csv"
+    assert run(["fit", str(log)]) == 2
+    assert "--area-1" in capsys.readouterr().err
+    assert run(["inspect", str(log), "--json"]) == 0
+    (first, *_) = json.loads(capsys.readouterr().out)["suggestions"]
+    assert first["family"] == "hydraulic-cylinder"
+    assert "--area-1 NUMBER" in first["command"]
+    assert "'command=u [V]'" in first["powershell"]
+
+
+def test_without_a_trial_nothing_is_fitted(tmp_path: Path) -> None:
+    (found,) = suggest([ff.read_log(bench(tmp_path))], ["bench.csv"], "line", trial=False)
+    assert found.verdict == ""
+    assert found.fit_percent is None
