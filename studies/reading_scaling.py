@@ -79,8 +79,8 @@ frames in which one piece is repeated where a line, a cell, a name, a comment or
 stand (`@` is where). The text grows by half decades from 10^3 characters to {largest}, or to the size
 of which the next would take more than {enough} s in proportion. The exponent is the slope of the
 processor time over the last decade of sizes; a pattern can be measured where the largest takes {least}
-s. One above {bound} is timed twice more, up to sizes that take {surely} s, each time in a process of its
-own: the shortest times count.
+s. One above {bound} is timed twice more, in processes of its own, up to sizes that take {surely} s and
+three times each: the shortest times count.
 
 {patterns} patterns{part}, {whole} of them up to {largest} characters and {tenth} up to a tenth or more:
 {measured} can be measured, {bad} grow faster than {bound}. ({seconds} s of the processor, beside other
@@ -259,7 +259,8 @@ def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int], enough: float)
 
     def take(k: int) -> float:
         if k not in taken:
-            taken[k] = _time(pattern, sizes[k])
+            tries = 3 if enough > _ENOUGH else 1
+            taken[k] = min(_time(pattern, sizes[k]) for _ in range(tries))
             os.write(out, f"{sizes[k]} {taken[k]:.6f}\n".encode())
         return taken[k]
 
@@ -297,18 +298,10 @@ def measure_again(patterns: Sequence[Pattern], largest: int) -> list[Timing]:
         for _ in range(2):
             if not timing.measured or timing.exponent <= BOUND:
                 break
-            timing = _quickest(timing, *measure([timing.pattern], largest, _SURELY))
+            (again,) = measure([timing.pattern], largest, _SURELY)
+            timing = again if again.ended or again.exponent <= timing.exponent else timing
         found.append(timing)
     return found
-
-
-def _quickest(timing: Timing, again: Timing) -> Timing:
-    """The shorter time of every size, of the runs that no limit ended."""
-    if timing.ended or again.ended:
-        return again if timing.ended else timing
-    one, two = dict(zip(timing.sizes, timing.seconds)), dict(zip(again.sizes, again.seconds))
-    both = {n: min(one.get(n, math.inf), two.get(n, math.inf)) for n in one | two}
-    return Timing(timing.pattern, *_sorted(both), "")
 
 
 def table(timings: Sequence[Timing], most: int = 30) -> str:

@@ -26,7 +26,7 @@ from .units import same_dimension
 
 _TRIED = 4  # families at most
 _OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
-_ROWS = 20_000  # of all logs, beyond which none is tried
+_ROWS = 50_000  # of all logs, beyond which none is tried
 _SHORTLIST = 0.75  # of the best score, down to which families are tried
 _ALIKE = 1.5  # times the misfit of another, up to which fewer parameters are the better model
 _APART = 3.0  # times the misfit of the best model, beyond which another is none of its rivals
@@ -199,8 +199,9 @@ def _assign(family: str, variant: Variant, log: Log) -> Suggestion | None:
         return None
     scores = np.array([[_score(log, r, c) for c in columns] for r in required])
     rows, chosen = linear_sum_assignment(scores, maximize=True)
-    if scores[rows, chosen].min() <= 0.0 or scores[rows, chosen].sum() < _MEASURED:
-        return None
+    told = [scores[i, j] for i, j in zip(rows, chosen) if required[i].unit != "1"]
+    if scores[rows, chosen].min() <= 0.0 or min(told) < _ALSO:
+        return None  # neither unit nor name tells of some role what it is
     taken = {required[i].name: columns[j] for i, j in zip(rows, chosen, strict=True)}
     if not _alike(variant, taken):
         return None

@@ -35,7 +35,7 @@ _LISTED = 8  # lines that were left out, one by one
                        "cannot be used."),
         options.flag("--trial/--no-trial", group="Output", default=True,
                      help="Fit the likeliest families to see what they determine. Default: yes, "
-                     "of logs of up to 20,000 rows."),
+                     "of logs of up to 50,000 rows."),
         options.json_option("The description"),
         *options.READING,
         *options.VERBOSITY,
@@ -83,9 +83,11 @@ def show_advice(advice: Sequence[Suggestion]) -> None:
     """Say which families fit, what they do not determine, and what to run."""
     from fluidact_fit.outcome import percent_text
 
-    if not advice:
-        return
     echo()
+    if not advice:
+        echo("no family has all that it needs among these columns, by their units and names: say")
+        echo("what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles)")
+        return
     head = ["family", "verdict", "fit", "columns"]
     rows = [
         [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
