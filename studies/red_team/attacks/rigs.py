@@ -201,7 +201,9 @@ def attacks() -> Iterator[Attack]:
     for share in (0.05, 0.1, 0.2):
         for tau in (0.2, 1.0, 5.0):
             spoil = partial(_droop, share=share, tau=tau)
-            unlike = {k: v for k, v in hydraulic_motor.TRUTH.items() if k != "curvature"}
+            # a gain is that of the mean supply, and what a supply loses by flow is a curve
+            unlike = {k: v for k, v in hydraulic_motor.TRUTH.items()
+                      if k not in ("curvature", "gain")}  # fmt: skip
             yield motor("droop of the supply", f"{100 * share:g} %, {tau:g} s", unlike,
                         partial(hydraulic_motor.log, spoil=spoil), repetitions=2,
                         scales={"dead_zone": 0.1, "hysteresis": 0.05,

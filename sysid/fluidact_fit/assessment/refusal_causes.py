@@ -24,7 +24,9 @@ _NOISE = 6.0  # standard deviations within which a value is the same
 _BAND = 0.01  # of its range, the same of a channel without noise
 _SPEED = 5  # samples over which a change is taken
 _AT_END = 0.05  # of the samples, that are at one end
-_PUSHED = 0.25  # of its range, which an input changes while the output is there
+_CHANGES = 0.25  # of its range, which an input changes while the output is there
+_MOVING = 0.05  # of the largest speed, at which something moves
+_PUSHED = 0.2  # of that time, in which it would move elsewhere
 _AGAINST = 0.5  # correlation of an input and the motion against it
 _JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
 _OTHERWISE = 0.2  # of its range, below which all other steps are
@@ -157,22 +159,29 @@ def _turn(values: FloatArray) -> float:
 
 
 def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, float]:
-    """Samples of the output at the end where it stays longest while an input changes; the end."""
+    """Samples of the output at an end of its range while an input would move it on; the end.
+
+    The input changes meanwhile, and beyond what moves the output that way elsewhere: what it does
+    within a dead zone moves nothing.
+    """
     pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
-    pairs = [(u, y) for u, y in pairs if u.size == y.size >= _LEAST]
+    pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED])
+             for u, y in pairs if u.size == y.size >= _LEAST]  # fmt: skip
     if not pairs:
         return 0, 0.0
-    span, drive = (max(float(x[k].max()) for x in pairs) - min(float(x[k].min()) for x in pairs)
-                   for k in (1, 0))  # fmt: skip
-    near = max(_BAND * span, *(_NOISE * noise_floor(y) for _, y in pairs))
+    u, y, speed = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    near = max(_BAND * float(np.ptp(y)), *(_NOISE * noise_floor(values) for _, values, _ in pairs))
     found = {}
-    for end in (min(float(y.min()) for _, y in pairs), max(float(y.max()) for _, y in pairs)):
-        count = 0
-        for u, y in pairs:
-            there = np.abs(y - end) < near
-            edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
-            for first, stop in zip(edges[::2], edges[1::2], strict=True):
-                count += (stop - first) * (np.ptp(u[first:stop]) > _PUSHED * drive)
-        found[end] = int(count)
-    end = max(found, key=lambda x: found[x])
-    return found[end], end
+    for way, end in ((-1.0, float(y.min())), (1.0, float(y.max()))):
+        there = np.abs(y - end) < near
+        moving = ~there & (way * speed > _MOVING * np.abs(speed).max())
+        if not moving.any():
+            continue
+        pushed, count = way * u > np.median(way * u[moving]), 0
+        edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
+        for first, stop in zip(edges[::2], edges[1::2], strict=True):
+            changes = np.ptp(u[first:stop]) > _CHANGES * np.ptp(u)
+            count += int(stop - first) * bool(changes and pushed[first:stop].mean() > _PUSHED)
+        found[end] = count
+    end = max(found, key=lambda x: found[x], default=0.0)
+    return found.get(end, 0), end
