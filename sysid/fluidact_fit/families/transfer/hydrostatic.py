@@ -141,7 +141,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """Typical sizes, search range and the widest useful intervals."""
         step, span = time_scales(experiments)
         low, high, speed = _ranges(experiments)
-        force, shares = max(high, -low), np.array([0.04, 0.3, 0.75])
+        force, shares = max(high, -low), np.array([0.04, 0.3, 0.6, 0.8])
         damping, negative, positive = force / speed, min(low, 0.0), max(high, 0.0)
         travel = max(float(np.ptp(experiments[0]["position"])), 1e-12)
         # masses and stiffnesses to try first are per damping
