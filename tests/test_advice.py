@@ -47,6 +47,16 @@ def test_what_leads_is_the_input(tmp_path: Path) -> None:
     assert not found.unsure
 
 
+def test_a_role_that_is_named_leaves_the_families_that_have_it(tmp_path: Path) -> None:
+    path = bench(tmp_path, "t [s];a [bar];b [bar]")
+    log = ff.read_log(path, columns={"pressure": "a [bar]"})
+    assert "line" not in {s.family for s in suggest([log], ["bench.csv"], trial=False)}
+    log = ff.read_log(path, columns={"inlet": "b [bar]"})
+    (found,) = suggest([log], ["bench.csv"], trial=False)
+    assert (found.family, dict(found.columns)) == ("line", {"inlet": "#3", "outlet": "#2"})
+    assert "--column 'inlet=b [bar]' --column 'outlet=a [bar]'" in found.command
+
+
 def test_columns_that_could_be_exchanged_are_no_clear_case(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     table = np.column_stack([np.arange(400) * 0.01, rng.normal(size=(400, 2))])

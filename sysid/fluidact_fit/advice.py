@@ -191,8 +191,9 @@ def _assign(family: str, variant: Variant, log: Log) -> Suggestion | None:
     columns = [c for c in log.columns if c.index != index and _varies(c)]
     roles = [r for r in variant.roles if r.name != "time"]
     required = [r for r in roles if r.required]
-    if len(columns) < len(required):
-        return None
+    named = {*log.bindings, *log.units, *log.scales, *log.holds} - {r.name for r in variant.roles}
+    if len(columns) < len(required) or named:
+        return None  # a role that the user speaks of is another family's
     if time is None and log.sample_time is None and any(
         r.name == "time" and r.required for r in variant.roles
     ):  # fmt: skip
@@ -343,9 +344,26 @@ def column_options(s: Suggestion, log: Log) -> list[str]:
     return out
 
 
+def _given(log: Log) -> list[str]:
+    """What the user has said of a log, as options."""
+    out = []
+    by_role = {"column": log.bindings, "unit": log.units, "scale": log.scales, "hold": log.holds}
+    for option, values in by_role.items():
+        for role, value in values.items():
+            text = f"{value:.12g}" if isinstance(value, float) else str(value)
+            out += [f"--{option}", f"{role}={text}"]
+    if log.sample_time is not None:
+        out += ["--sample-time", f"{log.sample_time:.12g}"]
+    if log.window_text.strip(":"):
+        out += ["--window", log.window_text]
+    for part in log.exclude:
+        out += ["--exclude", part.text]
+    return [*out, "--invalid", log.invalid] if log.invalid is not None else out
+
+
 def _with_command(s: Suggestion, log: Log, paths: Sequence[str]) -> Suggestion:
     asked = [word for option in s.asked for word in option.split()]
-    words = ["fluidact-fit", s.family, *paths, *column_options(s, log), *asked,
+    words = ["fluidact-fit", s.family, *paths, *_given(log), *column_options(s, log), *asked,
              "-o", f"{s.family}.yaml"]  # fmt: skip
     return replace(s, command=shell_command(words), powershell=_powershell(words))
 

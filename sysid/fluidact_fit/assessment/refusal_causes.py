@@ -164,9 +164,9 @@ def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, fl
     The input changes meanwhile, and beyond what moves the output that way elsewhere: what it does
     within a dead zone moves nothing.
     """
-    pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
     pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED])
-             for u, y in pairs if u.size == y.size >= _LEAST]  # fmt: skip
+             for u, y in both if u.size == y.size >= _LEAST]  # fmt: skip
     if not pairs:
         return 0, 0.0
     u, y, speed = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
