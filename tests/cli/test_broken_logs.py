@@ -167,7 +167,7 @@ OPTIONS: dict[str, list[str]] = {
     "sample-time-negative": ["--sample-time", "-0.01"],
     "sample-time-infinite": ["--sample-time", "inf"],
     "sample-time-comma": ["--sample-time", "0,01"],
-    "sample-time-word": ["--sample-time", "10ms"],
+    "sample-time-word": ["--sample-time", "ten"],
     "window-without-colon": ["--window", "3"],
     "window-reversed": ["--window", "3:1"],
     "window-empty": ["--window", ":"],
