@@ -21,8 +21,12 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from fluidact_fit.logs import Log
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "evidence" / "advice.md"
@@ -97,12 +101,12 @@ def suggest_for(family: str, number: int) -> Run:
     return Run(family, best.family, right, alike, seconds)
 
 
-def disguise(log: object, folder: Path, rng: np.random.Generator) -> tuple[Path, Mapping[str, str]]:
+def disguise(log: Log, folder: Path, rng: np.random.Generator) -> tuple[Path, Mapping[str, str]]:
     """Write a log with its columns shuffled and renamed; where each role stands now."""
     from fluidact_fit.logs.columns import find_column
 
-    roles = {find_column(log, r, at).index: r for r, at in log.bindings.items()}  # type: ignore[attr-defined]
-    columns = list(log.columns)  # type: ignore[attr-defined]
+    roles = {find_column(log, r, at).index: r for r, at in log.bindings.items()}
+    columns = list(log.columns)
     order = [0, *(1 + rng.permutation(len(columns) - 1)).tolist()]
     names, truth = [], {}
     for k, index in enumerate(order):

@@ -33,7 +33,7 @@ def parse_number(text: str) -> float:
         raise ValueError(f"'{text}' is {error}") from None
 
 
-class Quantity(NamedTuple):
+class NumberWithUnit(NamedTuple):
     """A number with a unit, of which it is not known yet what SI unit is wanted."""
 
     number: float
@@ -50,20 +50,20 @@ class Quantity(NamedTuple):
         return plausible(self.number * factor)
 
 
-def parse_quantity(text: str) -> float | Quantity:
+def parse_quantity(text: str) -> float | NumberWithUnit:
     """Return a number, or a number and the unit that stands behind it."""
     found = _NUMBER.match(text.strip())
     unit = text.strip()[found.end() :].strip() if found else ""
     if found is None or not unit or not (unit[0].isalpha() or unit[0] in "°%µ"):
         return parse_number(text)
-    return Quantity(parse_number(found[0]), unit)
+    return NumberWithUnit(parse_number(found[0]), unit)
 
 
-def parse_quantities(text: str) -> tuple[float | Quantity, float | Quantity]:
+def parse_quantities(text: str) -> tuple[float | NumberWithUnit, float | NumberWithUnit]:
     """Return ``LOW:HIGH``, numbers in SI or with a unit; one behind both is that of both."""
     low, high = map(parse_quantity, _split(text))
-    if isinstance(low, float) and isinstance(high, Quantity):
-        low = Quantity(low, high.unit)
+    if isinstance(low, float) and isinstance(high, NumberWithUnit):
+        low = NumberWithUnit(low, high.unit)
     if isinstance(low, float) and isinstance(high, float):
         return parse_range(text)
     return low, high
@@ -72,7 +72,7 @@ def parse_quantities(text: str) -> tuple[float | Quantity, float | Quantity]:
 def in_si(si_unit: str, text: str) -> float:
     """Return a number in SI; one with a unit is converted."""
     value = parse_quantity(text)
-    return value.in_unit(si_unit) if isinstance(value, Quantity) else value
+    return value.in_unit(si_unit) if isinstance(value, NumberWithUnit) else value
 
 
 def parse_seconds(text: str) -> float:

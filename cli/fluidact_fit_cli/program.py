@@ -29,7 +29,6 @@ _COMMANDS = {
     "demo": "Fit synthetic logs of every family, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
 }
-_MODULES = {"fit": "fit_any"}
 _EPILOG = """\b
 Examples:
   fluidact-fit line trial1.csv trial2.csv --unit inlet=bar --unit outlet=bar -o line.yaml
@@ -51,12 +50,11 @@ class Program(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a command."""
         if cmd_name in family_names():
-            from .commands.fit import make_command
+            from .commands.fit_family import make_command
 
             return make_command(cmd_name)
         if cmd_name in _COMMANDS:
-            name = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
-            module = import_module(f".commands.{name}", __package__)
+            module = import_module(f".commands.{cmd_name.replace('-', '_')}", __package__)
             command: click.Command = module.command
             return command
         return None

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 from fluidact_fit.families import family_names, get_family
-from fluidact_fit_cli.commands.fit import make_command
+from fluidact_fit_cli.commands.fit_family import make_command
 
 from . import program
 from .case import WRONG, Case, Part, Result

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from .assessment import leads
 from .errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from .families import family_names, get_family
-from .files import shell_command
+from .files import powershell_command, shell_command
 from .fitting import fit
 from .logs import Log
 from .logs.columns import default_column, time_candidate
@@ -139,7 +139,11 @@ def suggest(
         Called with what is being done.
     """
     names = [only] if only else family_names()
-    found = [s for name in names for s in _best_variant(name, logs[0])]
+    time = time_candidate(logs[0])
+    signals = [c for c in logs[0].columns
+               if (time is None or c.index != time.column.index) and _varies(c)]  # fmt: skip
+    timed = time is not None or logs[0].sample_time is not None
+    found = [s for name in names for s in _best_variant(name, logs[0], signals, timed)]
     found.sort(key=lambda s: -s.score)
     shortlist = [s for s in found if s.score >= _SHORTLIST * found[0].score][:_TRIED]
     rows = sum(log.rows for log in logs)
@@ -177,26 +181,26 @@ def _ordered(tried: Sequence[Suggestion]) -> list[Suggestion]:
 # ------------------------------------------------------------------------- units and names
 
 
-def _best_variant(name: str, log: Log) -> Iterator[Suggestion]:
-    """The variant of a family that uses the columns best; none where no one can."""
-    some = [s for v in get_family(name).variants if (s := _assign(name, v, log)) is not None]
-    if some:
-        yield max(some, key=lambda s: s.score)
+def _best_variant(
+    name: str, log: Log, signals: Sequence[Column], timed: bool
+) -> Iterator[Suggestion]:
+    """Yield the variant of a family that uses the columns best, if any can."""
+    candidates = (_assign(name, v, log, signals, timed) for v in get_family(name).variants)
+    usable = [s for s in candidates if s is not None]
+    if usable:
+        yield max(usable, key=lambda s: s.score)
 
 
-def _assign(family: str, variant: Variant, log: Log) -> Suggestion | None:
-    """The columns that suit the roles of a variant best."""
-    time = time_candidate(log)
-    index = 0 if time is None else time.column.index
-    columns = [c for c in log.columns if c.index != index and _varies(c)]
+def _assign(
+    family: str, variant: Variant, log: Log, columns: Sequence[Column], timed: bool
+) -> Suggestion | None:
+    """Assign the columns that suit the roles of a variant best."""
     roles = [r for r in variant.roles if r.name != "time"]
     required = [r for r in roles if r.required]
     named = {*log.bindings, *log.units, *log.scales, *log.holds} - {r.name for r in variant.roles}
     if len(columns) < len(required) or named:
         return None  # a role that the user speaks of is another family's
-    if time is None and log.sample_time is None and any(
-        r.name == "time" and r.required for r in variant.roles
-    ):  # fmt: skip
+    if not timed and any(r.name == "time" and r.required for r in variant.roles):
         return None
     scores = np.array([[_score(log, r, c) for c in columns] for r in required])
     rows, chosen = linear_sum_assignment(scores, maximize=True)
@@ -365,12 +369,4 @@ def _with_command(s: Suggestion, log: Log, paths: Sequence[str]) -> Suggestion:
     asked = [word for option in s.asked for word in option.split()]
     words = ["fluidact-fit", s.family, *paths, *_given(log), *column_options(s, log), *asked,
              "-o", f"{s.family}.yaml"]  # fmt: skip
-    return replace(s, command=shell_command(words), powershell=_powershell(words))
-
-
-def _powershell(words: Sequence[str]) -> str:
-    """Words as PowerShell takes them: in single quotes, which are doubled inside."""
-    plain = set("-_./\\:=+,")
-    quoted = (w if w and all(c.isalnum() or c in plain for c in w) and w[0] != "@"
-              else "'" + w.replace("'", "''") + "'" for w in words)  # fmt: skip
-    return " ".join(quoted)
+    return replace(s, command=shell_command(words), powershell=powershell_command(words))

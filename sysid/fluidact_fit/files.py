@@ -169,6 +169,14 @@ def shell_command(words: Sequence[str]) -> str:
     return " ".join(map(_quoted, words))
 
 
+def powershell_command(words: Sequence[str]) -> str:
+    """Words as one line of PowerShell: in single quotes, which are doubled inside."""
+    plain = set("-_./\\:=+,")
+    quoted = (w if w and all(c.isalnum() or c in plain for c in w) and w[0] != "@"
+              else "'" + w.replace("'", "''") + "'" for w in words)  # fmt: skip
+    return " ".join(quoted)
+
+
 def _quoted(word: str) -> str:
     try:
         word.encode()

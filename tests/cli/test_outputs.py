@@ -142,7 +142,7 @@ def test_only_regular_files_are_read_and_written(
 def test_a_link_that_turns_during_a_fit_is_seen(
     files: Path, here: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fluidact_fit_cli.commands import fit
+    from fluidact_fit_cli.commands import fit_family as fit
 
     os.symlink("new.yaml", "out.yaml")
     real = fit._render

@@ -79,7 +79,7 @@ def test_a_recorded_command_runs_again(
 def test_folders_that_are_nobodys_business(
     words: str, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fluidact_fit_cli.commands.fit import make_command
+    from fluidact_fit_cli.commands.fit_family import make_command
     from fluidact_fit_cli.recorded import recorded_command
 
     here, there, home = tmp_path / "here", tmp_path / "there", tmp_path / "cosy"

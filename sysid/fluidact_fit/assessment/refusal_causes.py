@@ -89,9 +89,8 @@ def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
         if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
             continue
         u, y = np.diff(e[role]), np.diff(e[output])
-        power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
-        ahead += sum(float(u[:-k] @ y[k:] / power) ** 2 for k in _LAGS)
-        behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in _LAGS)
+        ahead += float(np.sum(_correlations(u, y) ** 2))
+        behind += float(np.sum(_correlations(y, u) ** 2))
         least += 3.0 * len(_LAGS) / u.size
     return behind > max(_AHEAD * ahead, least)
 
@@ -106,9 +105,7 @@ def leads(first: FloatArray, second: FloatArray) -> bool | None:
     if np.count_nonzero(known) < _LEAST:
         return None
     u, y = np.diff(first[known]), np.diff(second[known])
-    power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
-    ahead = np.abs([float(u[:-k] @ y[k:]) / power for k in _LAGS])
-    behind = np.abs([float(y[:-k] @ u[k:]) / power for k in _LAGS])
+    ahead, behind = np.abs(_correlations(u, y)), np.abs(_correlations(y, u))
     most = max(ahead.max(), behind.max())
     if most < _CHANCE / np.sqrt(u.size):
         return None
@@ -117,6 +114,12 @@ def leads(first: FloatArray, second: FloatArray) -> bool | None:
         for x in (ahead, behind)
     )
     return one < other if max(one, other) >= _LATER * min(one, other) else None
+
+
+def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _LAGS) -> FloatArray:
+    """Correlation of two signals of one length, the second so many samples later."""
+    power = float(np.linalg.norm(first) * np.linalg.norm(second)) or 1.0
+    return np.array([float(first[: first.size - k] @ second[k:]) / power for k in lags])
 
 
 def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:
@@ -132,10 +135,9 @@ def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:
         y = e[output] - e[output].mean()
         speed = y[_SPEED:] - y[:-_SPEED]
         for moved, drive in ((y, u), (speed, u[: speed.size])):
-            power = float(np.linalg.norm(drive) * np.linalg.norm(moved)) or 1.0
-            for k in (0, *_LAGS):
-                found = float(drive[: drive.size - k] @ moved[k:]) / power
-                along, against = max(along, found), min(against, found)
+            correlations = _correlations(drive, moved, (0, *_LAGS))
+            along = max(along, float(correlations.max()))
+            against = min(against, float(correlations.min()))
     return against < -max(_AGAINST, 2.0 * along)
 
 

@@ -266,14 +266,11 @@ class _KnownDetails(BaseModel):
 
 
 class Fit(Part):
-    """How well the model describes the data it was fitted to.
-
-    ``level`` is the mean of the output over all fitted logs, against which ``fit_percent`` counts
-    of every log; without it, each log is counted against its own mean.
-    """
+    """How well the model describes the data it was fitted to."""
 
     verdict: Verdict
     fit_percent: Percent | None = None
+    # mean output of all fitted logs, the reference of fit_percent; without it, each log's own
     level: Measure | None = None
     rmse: Deviation
     samples: Count

@@ -1,0 +1,336 @@
+"""``fluidact-fit FAMILY LOG...``: one subcommand per model family."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import LogError, NotIdentifiedError, StrictError, UsageError
+from fluidact_fit.families import get_family
+from fluidact_fit.notices import is_information
+
+from ..errors import Invocation
+from ..family_help import chosen_options, family_options, help_text
+from ..options import (
+    FORCE,
+    READING,
+    VERBOSITY,
+    Command,
+    Option,
+    assignment,
+    check_names,
+    check_role_names,
+    flag,
+    parsed,
+    read_logs,
+)
+from ..outputs import check_targets, write_all
+from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
+from ..progress import Progress
+from ..recorded import recorded_command
+from ..show import echo, echo_json, echo_notices, echo_parameters, json_text
+
+if TYPE_CHECKING:
+    from fluidact_fit.family import Family, FamilyOptions
+    from fluidact_fit.logs import Log
+    from fluidact_fit.result import FitResult
+
+
+Window = tuple[float | None, float | None]
+
+_JUDGED = "Validation and verdict"
+_JUDGING: list[click.Parameter] = [
+    Option(["--validate"], metavar="LOG", multiple=True, group=_JUDGED,
+           help="A log to validate the result with; it is not fitted. Repeatable."),
+    parsed("--validate-window", "START:END", "20:", parse_window,
+           "Validate with these seconds of the logs of --validate, or of the logs that are "
+           "fitted (--window then has to leave them out).", _JUDGED),
+    flag("--strict", group=_JUDGED,
+         help="Any warning ends the run with exit status 4, and nothing is written."),
+    flag("--accept-failed", group=_JUDGED,
+         help="Write the file even if the verdict is FAIL; the file says so."),
+    Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=_JUDGED,
+           help="Seed of the random numbers. The same logs, options and seed give the same "
+           "result. Default: 0."),
+]  # fmt: skip
+
+# Suffixes of what a fit reads, or writes elsewhere.
+_OTHERS = (
+    ".json", ".csv", ".tsv", ".xlsx", ".parquet", ".mat", ".h5", ".hdf5", ".tdms", ".mf4", ".png",
+    ".pdf", ".svg", ".html", ".htm",
+)  # fmt: skip
+
+# What is known of the parameters beforehand.
+_PARAMETERS: list[click.Parameter] = [
+    assignment("--fix", "NAME=VALUE", "'dead_time=12 ms'", parse_quantity,
+               "Hold a parameter at a value, in SI or with its unit.", "Parameters"),
+    assignment("--start", "NAME=VALUE", "mass=50", parse_quantity,
+               "Where the search begins, in SI or with its unit.", "Parameters"),
+    assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_quantities,
+               "Range of a parameter, in SI or with its unit.", "Parameters"),
+    assignment("--noise", "ROLE=SD", "force=0.1", parse_quantity,
+               "Standard deviation of white noise on a measured input, in SI or with its unit; "
+               "0 for an exact one. Default: judged from the log.", "Parameters"),
+]  # fmt: skip
+
+
+def make_command(name: str) -> click.Command:
+    """Return the subcommand of a family."""
+    family = get_family(name)
+
+    @click.pass_context
+    def fit_family(ctx: click.Context, /, **params: Any) -> None:
+        run_fit(family, params, ctx.find_object(Invocation) or Invocation(()))
+
+    return Command(
+        name,
+        params=[
+            click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
+            *output_options(name),
+            *READING,
+            *family_options(family),
+            *_PARAMETERS,
+            *_JUDGING,
+            *VERBOSITY,
+        ],
+        callback=fit_family,
+        help=help_text(family),
+        short_help=family.title,
+    )
+
+
+def output_options(name: str) -> list[click.Parameter]:
+    """What a fit writes, and where."""
+    group = "Output"
+    return [
+        Option(["--output", "-o"], metavar="FILE", group=group,
+               help=f"Parameter file (default {name}.yaml). An existing file is kept unless -f."),
+        FORCE,
+        Option(["--plot"], metavar="FILE", group=group,
+               help="Picture of measured and simulated output: png, pdf or svg."),
+        Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
+        Option(["--details"], metavar="FILE.json", group=group,
+               help="All details of the fit and its examination as JSON; the parameter file "
+               "keeps those of one line."),
+        flag("--json", "as_json", group=group,
+             help="The parameter document as JSON on standard output, and nothing else. A file "
+             "is then written only if -o names one."),
+        parsed("--controller-sample-time", "SECONDS", "0.002", parse_seconds,
+               "Sample time of the discrete model in the file (default: the log's).", group),
+    ]  # fmt: skip
+
+
+def run_fit(
+    family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation
+) -> None:
+    """Check what was asked, fit, judge, write, show: in this order."""
+    targets = targets_of(family.name, params)
+    _check_names(family, params)
+    params = {**params, **_in_si(family, params)}
+    _check_files(params, targets)
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        result = _judge(_fit(family, params, invocation, progress), params)
+        progress("writing")
+        write_all(_render(result, targets), params["force"])
+    if params["as_json"]:
+        echo_json(result.document.to_dict())
+    elif not params["quiet"]:
+        echo_parameters(result.document.to_dict(), params["verbose"])
+        echo("written to " + ", ".join(targets.values()))
+    if not params["quiet"]:
+        echo_notices(result.notices)
+
+
+def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
+    """Return the files to write, by option; the parameter file is the last."""
+    output = params["output"]
+    if output is None and not params["as_json"]:
+        output = f"{name}.yaml"
+    asked = {f"--{name}": params[name] for name in ("plot", "report", "details")} | {"-o": output}
+    return {option: path for option, path in asked.items() if path is not None}
+
+
+def _check_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+    """Refuse roles and parameters that the family has not."""
+    check_role_names(params, [r.name for v in family.variants for r in v.roles])
+    _check_parameter_names(family, params)
+    driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
+    check_names("--noise", "input", params["noise"], list(driving))
+
+
+def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
+    """Refuse logs and outputs that cannot be, before any log is read."""
+    logs = (*params["logs"], *params["validate"])
+    seen = set()
+    for path in logs:
+        real = os.path.realpath(path)
+        if real in seen:
+            raise UsageError(
+                f"{path} is given twice.",
+                remedy="Give each log once; a log for --validate must not be fitted as well.",
+            )
+        seen.add(real)
+    check_targets(targets, logs, params["force"])
+    _check_suffix(targets.get("-o", ""))
+
+
+def _check_suffix(path: str) -> None:
+    """Refuse a name that promises another kind of file than the YAML that is written."""
+    suffix = Path(path).suffix.lower()
+    if suffix in _OTHERS:
+        json = suffix == ".json"
+        raise UsageError(
+            f"-o {path}: a parameter file is YAML.",
+            expected="Expected a name such as " + str(Path(path).with_suffix(".yaml")) + ".",
+            remedy="For JSON, give --json and redirect standard output, or export --to json."
+            if json else "--plot writes pictures, --report a page.",
+        )  # fmt: skip
+
+
+def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+    specs = [p for v in family.variants for p in v.parameters]
+    for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
+        for name in params[key]:
+            if any(p.name == name and p.rank > 0 for p in specs):
+                raise UsageError(
+                    f"{option} takes single numbers, and {name} is a list.",
+                    remedy=f"Leave out {option} {name}=...",
+                )
+        check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
+
+
+def _in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers with a unit in the SI unit of their parameter or role, by option."""
+    specs = [p for v in family.variants for p in v.parameters]
+    roles = [r for v in family.variants for r in v.roles]
+    out: dict[str, Any] = {}
+    for option, known in (("fix", specs), ("start", specs), ("bounds", specs), ("noise", roles)):
+        out[option] = {
+            name: _converted(f"--{option}", name, value, [x.unit for x in known if x.name == name])
+            for name, value in params[option].items()
+        }
+    for name, (low, high) in out["bounds"].items():
+        if low >= high:
+            raise UsageError(f"--bounds {name}: {low:g} is not below {high:g}.")
+    return out
+
+
+def _converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
+    """A number in the first of some units that its own one measures the same as."""
+    if isinstance(value, NumberWithUnit):
+        wrong = ""
+        for unit in units:
+            try:
+                return value.in_unit(unit)
+            except ValueError as error:
+                wrong = str(error)
+        raise UsageError(
+            f"{option} {name}: {wrong}.",
+            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
+            "of the same quantity.",
+        )
+    if isinstance(value, tuple):
+        return tuple(_converted(option, name, end, units) for end in value)
+    return value
+
+
+def _fit(
+    family: Family[FamilyOptions],
+    params: Mapping[str, Any],
+    invocation: Invocation,
+    progress: Progress,
+) -> FitResult:
+    from fluidact_fit.fitting import fit
+
+    try:
+        progress("reading")
+        judged = _read_judged(params)
+        return fit(
+            family.name,
+            # so that raw columns are not kept
+            iter([replace(log, disposable=True) for log in read_logs(params["logs"], params)]),
+            fixed=params["fix"],
+            start=params["start"],
+            bounds=params["bounds"],
+            noise=params["noise"],
+            validate=judged,
+            controller_sample_time=params["controller_sample_time"],
+            seed=params["seed"],
+            command=recorded_command(invocation.args, params),
+            progress=progress,
+            **chosen_options(params),
+        )
+    except (LogError, NotIdentifiedError) as error:
+        if error.where:
+            raise
+        names = ", ".join(os.path.basename(path) for path in params["logs"])
+        raise type(error)(
+            error.what, where=names, expected=error.expected, remedy=error.remedy
+        ) from error
+
+
+def _read_judged(params: Mapping[str, Any]) -> list[Log]:
+    """Logs to validate with: those that are named, or another part of those that are fitted."""
+    part = params["validate_window"]
+    if part is None:
+        return read_logs(params["validate"], params)
+    if not params["validate"]:
+        _check_apart(params["window"], part)
+    paths = params["validate"] or params["logs"]
+    return read_logs(paths, {**params, "window": part})
+
+
+def _check_apart(fitted: Window | None, judged: Window) -> None:
+    """Refuse to validate with seconds that are fitted."""
+
+    def ends(window: Window | None) -> tuple[float, float]:
+        low, high = window or (None, None)
+        return (-inf if low is None else low, inf if high is None else high)
+
+    (a, b), (c, d) = ends(fitted), ends(judged)
+    if max(a, c) < min(b, d):
+        raise UsageError(
+            "--validate-window holds seconds that are fitted.",
+            expected="Expected two parts of the log that do not overlap.",
+            remedy=f"Give --window as well, for example --window :{c:g} --validate-window {c:g}:.",
+        )
+
+
+def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
+    """Refuse what may not be written, and mark what is written against the verdict."""
+    said = "\n".join(f"  {n.code}: {n.message}" for n in result.notices)
+    if params["strict"] and result.notices:
+        notes = sum(is_information(n.code) for n in result.notices)
+        counts = ((len(result.notices) - notes, "warning"), (notes, "note"))
+        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
+        raise StrictError(
+            f"{count} under --strict, nothing was written:",
+            expected=said,
+            remedy="Remove the causes, or run without --strict.",
+        )
+    return replace(result, document=result.document_to_write(params["accept_failed"]))
+
+
+def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:
+    """Return the content of every file."""
+    from fluidact_fit.parameters import dump_document
+    from fluidact_fit.report import plot_result, render, result_page
+
+    contents: dict[str, bytes | str] = {}
+    for option, path in targets.items():
+        if option == "--plot":
+            contents[path] = render(plot_result(result), Path(path).suffix.lower()[1:])
+        elif option == "--report":
+            contents[path] = result_page(result)
+        elif option == "--details":
+            contents[path] = json_text(result.document.fit.details or {})
+        else:
+            contents[path] = dump_document(result.document)
+    return contents
