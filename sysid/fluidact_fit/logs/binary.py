@@ -34,6 +34,9 @@ _MAGIC = {
     b"MDF  ": "mdf",
     b"CDF\x01": "netcdf",
     b"CDF\x02": "netcdf",
+    b"\x89MCAP0\r\n": "ros",
+    b"SQLite format 3\0": "ros",
+    b"#ROSBAG V": "ros",
 }
 _UNFIT = {
     b"UnFinMF": ("an MDF file that was never finished", "Finish it with the tool that recorded it"),
@@ -274,9 +277,11 @@ class _Assembly:
 
     def _named(self, k: int, header: str, sparse: bool = False) -> Named:
         v = self.vectors[k]
+        path = self.recording.dialect.startswith("ROS") and v.role != "instants"
         return Named(
-            header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock, since=v.since
-        )
+            header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock, since=v.since,
+            path=path,
+        )  # fmt: skip
 
     def _joined(self, bases: Sequence[int], base_of: dict[int, int | None]) -> list[Named]:
         """Columns of several time bases, each at its own instants."""

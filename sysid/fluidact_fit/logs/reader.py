@@ -137,6 +137,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
         place = place.absolute()  # "./-" is a file, and "-" standard input
     if len(files := files_of(place)) > 1:
         return merged([with_joined_time(_read(file, written)) for file in files])
+    (place,) = files
     raw, sha256 = b"", ""
     found = read_stored(place)
     if found is None:
