@@ -7,10 +7,10 @@ to be plain names before it sees them.
 from __future__ import annotations
 
 import keyword
+import os
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,7 @@ _LARGE = 1 << 16  # bytes of a message, from which it is a picture, a map or a c
 _LONG = 64  # elements of an array, from which they are no channels
 _LONGEST = 1 << 20  # elements that a definition may state
 _APART = 10 * 10**9  # ns between two clocks, from which they are not the same
-_TYPE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
-_FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 _TIME, _DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
 _HEADER = "std_msgs/msg/Header"
 _NAMES = ("name", "names", "joint_names", "joint_name", "interface_names")
@@ -73,21 +72,42 @@ def _opened(path: str, ending: str) -> Any:
     """The reader of a bag, which goes by the ending of a name."""
     if ending == ".bag":
         return library("rosbags.rosbag1").Reader(path)
-    named = type("_Bag", (type(Path()),), {"suffix": ending})
-    return library("rosbags.rosbag2").Reader(named(path))
+    return library("rosbags.rosbag2").Reader(_Stored(path, ending))
+
+
+class _Stored:
+    """A file under the ending that its reader is chosen by, in place of a ``pathlib.Path``."""
+
+    def __init__(self, path: str, ending: str) -> None:
+        self._path, self.suffix = path, ending
+
+    def __str__(self) -> str:
+        return "recording"
+
+    def exists(self) -> bool:
+        return True
+
+    def is_dir(self) -> bool:
+        return False
+
+    def open(self, *args: Any) -> Any:
+        return open(self._path, *args)
+
+    def stat(self) -> Any:
+        return os.stat(self._path)
 
 
 def _unreadable(reason: str, sink: Sink) -> LogError:
-    remedy = "Record it again, or repair the file: mcap recover LOG -o COPY."
+    remedy = "Repair it: mcap recover LOG -o COPY. Or record it again."
     if "SQLite" in sink.dialect:
         remedy = "Check that it is a bag of ROS 2, and that its recorder had ended."
     elif "ROS 1" in sink.dialect:
-        remedy = "Repair the file: rosbag reindex LOG. Or record it again."
+        remedy = "Repair it: rosbag reindex LOG. Or record it again."
     elif "Profile" in reason:
         remedy = "Write it with ros2 bag record or ros2 bag convert, or export its topics as CSV."
     return LogError(
         f"the bag cannot be read ({reason[:160].rstrip('.')}).",
-        expected=f"Expected a whole {sink.dialect}, with an index at its end.",
+        expected=f"Expected a whole {sink.dialect}.",
         remedy=remedy,
     )
 
@@ -147,9 +167,10 @@ def _topics(bag: Any, sink: Sink, ending: str) -> list[_Topic]:
             )
         wanted[name].take(store.message(raw, connection.msgtype), logged)
     for topic in wanted.values():
-        if not topic.logged and topic.name not in refused:
-            sink.leave(topic.name, "no messages", signal=False)
-    return [t for t in wanted.values() if t.name not in refused]
+        if len(topic.logged) < 2 and topic.name not in refused:
+            few = "a single message" if topic.logged else "no messages"
+            sink.leave(topic.name, few, signal=False)
+    return [t for t in wanted.values() if len(t.logged) > 1 and t.name not in refused]
 
 
 class _Definitions:
@@ -196,22 +217,20 @@ class _Definitions:
 
 
 def _require_plain(types: Mapping[str, Any]) -> None:
-    """Refuse definitions whose names or sizes are none, as they become code."""
+    """Refuse definitions whose names, constants or sizes are none, as they become code."""
     for kind, (constants, fields) in types.items():
-        names = [*(c[0] for c in constants), *(f[0] for f in fields)]
-        if not _TYPE.fullmatch(kind) or not all(map(_FIELD.fullmatch, names)):
-            raise ValueError(f"a name in {kind[:40]!r} is none")
-        if any(not isinstance(c[2], bool | int | float | str) for c in constants):
-            raise ValueError(f"a constant of {kind} is none")
-        for name, description in fields:
-            size = description[1][1] if isinstance(description[1], tuple) else 0
-            inner = description[1][0] if isinstance(description[1], tuple) else None
-            if isinstance(inner, tuple) and isinstance(inner[1], str):
-                description = inner
-            if isinstance(description[1], str) and not _TYPE.fullmatch(description[1]):
-                raise ValueError(f"the type of '{name}' is none")
-            if isinstance(size, int) and size > _LONGEST:
-                raise ValueError(f"'{name}' has {size} elements")
+        names = [kind, *(c[0] for c in constants), *(f[0] for f in fields)]
+        for _, (_, what) in fields:
+            inner, size = what if isinstance(what, tuple) else (what, 0)
+            if isinstance(inner, tuple):  # the elements of an array
+                inner = inner[1] if isinstance(inner[1], str) else inner[1][0]
+            if size > _LONGEST:
+                raise ValueError(f"an array of {size} elements")
+            names.append(inner)
+        if not all(map(_NAME.fullmatch, names)):
+            raise ValueError("a name is none")
+        if not all(isinstance(c[2], bool | int | float | str) for c in constants):
+            raise ValueError("a constant is none")
 
 
 def _leaves(
@@ -308,4 +327,4 @@ def _hand_over(topics: Sequence[_Topic], sink: Sink) -> None:
 def _ordered(stamps: array[int]) -> Array | None:
     """Stamps in order; ``None`` where some message has none, or they are not in order."""
     found = np.frombuffer(stamps, np.int64)
-    return found if found.size and found[0] > 0 and bool(np.all(np.diff(found) > 0)) else None
+    return found if bool(np.all(np.diff(found) > 0)) else None

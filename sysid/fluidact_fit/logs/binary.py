@@ -108,6 +108,8 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
     found = next((r for magic, r in _MAGIC.items() if head.startswith(magic)), None)
     if found is None and head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
         found = "matlab"
+    if found == "matlab" and look(512, 8) == _HDF5:
+        found = "hdf5"
     if found is None and _is_matlab_4(head, size):
         found = "matlab"
     if found is None and head[:1] and not head[:64].isascii():
