@@ -1,4 +1,4 @@
-"""Bags of ROS: fields by topic, their instants, the elements of arrays, and bags that are damaged."""
+"""Bags of ROS: fields by topic, their instants, elements of arrays, and damaged bags."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def test_a_bag_that_is_cut_anywhere_is_refused(tmp_path: Path, kind: str) -> Non
             ros.read(str(path), Sink(str(room), 1 << 27))
         assert str(path) not in caught.value.text
     whole.write_bytes(raw[: len(raw) // 2])
-    with pytest.raises(LogError, match="Repair it|its recorder had ended"):
+    with pytest.raises(LogError, match=r"Repair it|its recorder had ended"):
         read_log(whole)
 
 
@@ -217,7 +217,7 @@ def test_a_definition_that_is_none_leaves_its_topic_out(text: str) -> None:
     ],
 )
 def test_only_plain_names_become_code(types: Any) -> None:
-    with pytest.raises(ValueError, match="none|elements"):
+    with pytest.raises(ValueError, match=r"none|elements"):
         ros._require_plain(types)
 
 
