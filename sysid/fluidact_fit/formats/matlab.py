@@ -44,7 +44,13 @@ def _variables(path: str) -> Iterator[tuple[str, Any]]:
     with open(path, "rb") as file:
         if 0 in file.read(4):  # MATLAB 4
             file.seek(0)
-            parts = [io.loadmat(file, **how)]
+            try:
+                parts = [io.loadmat(file, **how)]
+            except (ValueError, TypeError) as error:
+                raise LogError(
+                    f"the MATLAB 4 file is cut or damaged ({str(error).partition(';')[0][:100]}).",
+                    remedy="Save it again, or export it as CSV.",
+                ) from None
         else:
             file.seek(0)
             split = io.matlab.varmats_from_mat(file)

@@ -43,6 +43,12 @@ _UNFIT = {
     b"TDSh": ("the index of a TDMS file", "Give the .tdms file itself"),
     b"CDF\x05": ("a netCDF file with 64-bit data", "Convert it: nccopy -k nc4 LOG COPY"),
     b"PARE": ("an encrypted Parquet file", "Write it again without encryption"),
+    b"ARROW1": ("a Feather or Arrow file", "Write it as Parquet: pandas.DataFrame.to_parquet"),
+    b"\x93NUMPY": ("an array of NumPy", "Save named columns: pandas.DataFrame(...).to_parquet"),
+    b"\x80\x04": ("a pickle of Python, which can run code", "Save the data as Parquet"),
+    b"\x80\x05": ("a pickle of Python, which can run code", "Save the data as Parquet"),
+    b"ULog\x01": ("a ULog file of PX4", "Convert it: ulog2csv LOG"),
+    b"LOGG": ("a BLF trace of a bus", "Decode it into signals, as MDF"),
 }
 _SHOWN = 8
 
@@ -110,7 +116,12 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
         found = "matlab"
     if found == "matlab" and look(512, 8) == _HDF5:
         found = "hdf5"
-    if found is None and _is_matlab_4(head, size):
+    if found is None and (stated := _matlab_4_size(head)):
+        if stated > size:
+            raise LogError(
+                f"this is a MATLAB 4 file that is cut: its first matrix ends at byte {stated}, the "
+                f"file at {size}.", where=name, remedy="Copy or save it again.",
+            )  # fmt: skip
         found = "matlab"
     if found is None and head[:1] and not head[:64].isascii():
         return None
@@ -119,11 +130,11 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
     return found
 
 
-def _is_matlab_4(head: bytes, size: int) -> bool:
-    """Whether a file begins with the header of a matrix of MATLAB 4 that fits into it."""
+def _matlab_4_size(head: bytes) -> int:
+    """Where the first matrix of a MATLAB 4 file ends, 0 for the head of anything else [bytes]."""
     for order in "<>":
         if len(head) < 22:
-            return False
+            return 0
         kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head[:20])
         machine, zero, precision, form = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10
         if not (0 <= kind < 5000 and machine <= 4 and zero == 0 and precision <= 5 and form <= 2):
@@ -132,10 +143,9 @@ def _is_matlab_4(head: bytes, size: int) -> bool:
             continue
         width = (8, 4, 4, 2, 2, 1)[precision] * (1 + imaginary)
         label = head[20 : 20 + length]
-        named = label[-1:] == b"\0" and label[:-1].replace(b"_", b"a").isalnum()
-        if named and 20 + length + rows * columns * width <= size:
-            return True
-    return False
+        if label[-1:] == b"\0" and label[:-1].replace(b"_", b"a").isalnum():
+            return 20 + length + rows * columns * width
+    return 0
 
 
 def _read(reader: str, source: Path | bytes, name: str) -> Found:
@@ -189,7 +199,7 @@ class _Assembly:
             f"it holds no vectors of numbers ({listed or 'nothing'}), or no channel of them.",
             where=self.name,
             expected="Expected vectors of equal length, one per column, or a table of numbers.",
-            remedy="Save arrays (table2struct for a table), or export it as CSV.",
+            remedy="Save vectors (of a timeseries: its Time and Data), or export it as CSV.",
         )
 
     def _headers(self) -> dict[int, str]:
