@@ -84,16 +84,18 @@ def test_tables_within_structures_and_cells(tmp_path: Path, version: str) -> Non
     frame = pd.DataFrame({"p": T}, ROW_TIMES)
     record = np.empty((1, 1), dtype=[("rig", object), ("logs", object)])
     record[0, 0]["rig"] = table(frame, ["bar"])
+    only = np.empty((1, 1), dtype=object)
+    only[0, 0] = table(frame.rename(columns={"p": "y"}), ["V"])
     logs = np.empty((1, 2), dtype=object)
     logs[0, 0], logs[0, 1] = (
         table(frame.rename(columns={"p": name}).iloc[::2], [unit])
         for name, unit in (("x", "mm"), ("f", "kN"))
     )
     record[0, 0]["logs"] = logs
-    log = read(tmp_path, {"record": record}, version)
-    assert sorted(u for u in units(log).values() if u) == ["bar", "kN", "mm", "s"]
+    log = read(tmp_path, {"record": record, "only": only}, version)
+    assert sorted(u for u in units(log).values() if u) == ["V", "bar", "kN", "mm", "s"]
     sizes = [values.size for values in columns(log).values()]
-    assert sorted(sizes) == [100, 100, 200, 200]
+    assert sorted(sizes) == [100, 100, 200, 200, 200]
 
 
 def test_dates_and_durations_beside_vectors(tmp_path: Path) -> None:

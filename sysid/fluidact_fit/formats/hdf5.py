@@ -31,7 +31,7 @@ def read(path: str, sink: Sink) -> None:
         reader = _Reader(h5py, file, sink)
         sink.dialect = "MATLAB 7.3" if reader.of_matlab else "HDF5"
         reader.walk(file, "", 0)
-    read_objects(path, sink)
+    read_objects(path, sink, counted=True)
 
 
 class _Reader:

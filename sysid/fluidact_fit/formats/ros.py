@@ -283,7 +283,7 @@ def _names_in(fields: Mapping[str, Any]) -> Sequence[str]:
 
 def _stamp(message: Any) -> int:
     """The instant that a message states [ns], 0 without one."""
-    stamp = getattr(getattr(message, "header", message), "stamp", None)
+    stamp: Any = getattr(getattr(message, "header", message), "stamp", None)
     if getattr(stamp, "__msgtype__", None) != _TIME:
         return 0
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

@@ -243,6 +243,7 @@ def _table_in(value: Any, name: str) -> _Table | None:
 
 def _lists_in(value: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
     """Lists by name, those in objects beside a list of the same length among them."""
+    lists: dict[str, Sequence[Any]]
     lists = {key: v for key, v in value.items() if isinstance(v, list)}
     length = {len(v) for v in lists.values()}
     for key, inner in value.items():
