@@ -44,6 +44,33 @@ def table(frame: pd.DataFrame, units: Sequence[str]) -> Any:
     return MatlabOpaque(properties=properties, classname="timetable")
 
 
+def series(values: np.ndarray, unit: str, times: np.ndarray | None = None) -> Any:
+    """A time series with the properties that files of MATLAB have; even instants are implied."""
+    from matio.utils.matclass import MatlabOpaque
+
+    about = {"Units": np.array(["seconds"]), "Time_": np.empty((0, 0))}
+    if times is None:
+        about |= {k: np.array([[v]]) for k, v in
+                  (("Start_", 0.0), ("Increment_", 0.01), ("Length", float(T.size)))}  # fmt: skip
+    else:
+        about["Time_"] = times[:, None]
+    data = MatlabOpaque(properties={"Units": np.array([unit])}, classname="tsdata.datametadata")
+    return MatlabOpaque(
+        properties={
+            "Name": np.array(["a name"]), "Data_": values, "DataInfo": data,
+            "TimeInfo": MatlabOpaque(properties=about, classname="tsdata.timemetadata"),
+        },
+        classname="timeseries",
+    )  # fmt: skip
+
+
+def signal(name: str, values: Any) -> Any:
+    from matio.utils.matclass import MatlabOpaque
+
+    properties = {"Name": np.array([name]), "Values": values}
+    return MatlabOpaque(properties=properties, classname="Simulink.SimulationData.Signal")
+
+
 def write(path: Path, variables: dict[str, Any], version: str) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what has no counterpart in MATLAB
@@ -96,6 +123,47 @@ def test_tables_within_structures_and_cells(tmp_path: Path, version: str) -> Non
     assert sorted(u for u in units(log).values() if u) == ["V", "bar", "kN", "mm", "s"]
     sizes = [values.size for values in columns(log).values()]
     assert sorted(sizes) == [100, 100, 200, 200, 200]
+
+
+@VERSIONS
+def test_time_series_have_even_instants_or_their_own(tmp_path: Path, version: str) -> None:
+    uneven = T + 0.002 * (np.arange(T.size) % 2)
+    log = read(tmp_path, {
+        "u": series(T[:, None], "V"), "p": series(T**2, "bar", uneven),
+        "x": series(T.reshape(1, 1, -1), "mm"), "y": series(np.column_stack([T, -T]), "mm"),
+        "bad": series(T[:7], "V"),
+    }, version)  # fmt: skip
+    assert units(log) == {
+        "time": "seconds",
+        "u": "V",
+        "p": "bar",
+        "x": "mm",
+        "y1": "mm",
+        "y2": "mm",
+    }
+    found = columns(log)
+    np.testing.assert_array_equal(found["p"], T**2)
+    np.testing.assert_array_equal(found["y2"], -T)
+    assert found["time"].size == 300
+    assert fates(log)["bad"].startswith("a timeseries of 0 instants")
+
+
+def test_signals_that_simulink_logged(tmp_path: Path) -> None:
+    from matio.utils.matclass import MatlabOpaque
+
+    elements = np.empty((1, 2), dtype=object)
+    elements[0, 0] = signal("command", series(T[:, None], "V"))
+    elements[0, 1] = signal("outlet", series(T[:, None], "bar"))
+    storage = MatlabOpaque(
+        properties={"Elements": elements},
+        classname="Simulink.SimulationData.Storage.RamDatasetStorage",
+    )
+    dataset = MatlabOpaque(
+        properties={"Name": np.array([""]), "Storage_": storage},
+        classname="Simulink.SimulationData.Dataset",
+    )
+    log = read(tmp_path, {"logsout": dataset})
+    assert units(log) == {"time": "seconds", "command": "V", "outlet": "bar"}
 
 
 def test_dates_and_durations_beside_vectors(tmp_path: Path) -> None:

@@ -199,7 +199,7 @@ class _Assembly:
             f"it holds no vectors of numbers ({listed or 'nothing'}), or no channel of them.",
             where=self.name,
             expected="Expected vectors of equal length, one per column, or a table of numbers.",
-            remedy="Save vectors (of a timeseries: its Time and Data), or export it as CSV.",
+            remedy="Save vectors (of a MATLAB object, what it holds), or export it as CSV.",
         )
 
     def _headers(self) -> dict[int, str]:
