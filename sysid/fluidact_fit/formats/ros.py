@@ -291,26 +291,14 @@ def _stamp(message: Any) -> int:
 
 def _hand_over(topics: Sequence[_Topic], sink: Sink) -> None:
     """All numbers over the instants of their topic, counted from the first of all."""
-    stamped = {t.name: _ordered(t.stamps) for t in topics}
-    logged = {t.name: np.frombuffer(t.logged, np.int64) for t in topics}
-    one_clock = all(stamps is not None for stamps in stamped.values())
-    chosen: dict[str, Array] = {}
-    for topic in topics:
-        stamps, how = stamped[topic.name], "instants of its header"
-        chosen[topic.name] = logged[topic.name] if stamps is None else stamps
-        if stamps is None:
-            how = "instants of the recorder"
-        elif not one_clock and abs(np.median(stamps - logged[topic.name])) > _APART:
-            how = "instants of the recorder, as those of its header are of another clock"
-            chosen[topic.name] = logged[topic.name]
-        sink.convert(topic.name, f"{topic.kind}, {len(topic.logged)} messages, {how}")
-    since = min((int(times[0]) for times in chosen.values()), default=0)
+    instants = _instants(topics, sink)
+    since = min((int(times[0]) for times in instants.values()), default=0)
     for topic in topics:
         for label, why in topic.left_out.items():
             if label not in topic.values:
                 sink.leave(label, why, signal=why != "text")
-        times = (chosen[topic.name] - since) / 1e9
-        bases: dict[bytes, int] = {}
+        times = (instants[topic.name] - since) / 1e9
+        bases: dict[bytes, int] = {}  # messages that had the same fields share their instants
         for label, values in topic.values.items():
             if len(values) < 2:
                 sink.leave(label, "a single number", signal=False)
@@ -322,6 +310,27 @@ def _hand_over(topics: Sequence[_Topic], sink: Sink) -> None:
                 bases[key] = sink.add("time", part, unit="s", since=since, role="instants")
             numbers = np.frombuffer(values, np.float64)
             sink.add(label, numbers, unit=topic.units[label], instants=bases[key])
+
+
+def _instants(topics: Sequence[_Topic], sink: Sink) -> dict[str, Array]:
+    """Instants of every topic [ns]: those of its headers, or of the recorder where it has none.
+
+    Headers of another clock than the recorder's are used only if every topic has some.
+    """
+    stamped = {t.name: _ordered(t.stamps) for t in topics}
+    one_clock = all(stamps is not None for stamps in stamped.values())
+    chosen = {}
+    for topic in topics:
+        stamps, logged = stamped[topic.name], np.frombuffer(topic.logged, np.int64)
+        how = "instants of its header"
+        if stamps is None:
+            stamps, how = logged, "instants of the recorder"
+        elif not one_clock and abs(np.median(stamps - logged)) > _APART:
+            stamps = logged
+            how = "instants of the recorder, as those of its header are of another clock"
+        chosen[topic.name] = stamps
+        sink.convert(topic.name, f"{topic.kind}, {len(topic.logged)} messages, {how}")
+    return chosen
 
 
 def _ordered(stamps: array[int]) -> Array | None:

@@ -1,4 +1,4 @@
-"""Recordings that are no text: MATLAB, HDF5, netCDF, Parquet, TDMS and MDF files.
+"""Recordings that are no text: MATLAB, HDF5, netCDF, Parquet, TDMS, MDF and bags of ROS.
 
 Which it is shows in the first bytes. A library reads it in a process of its own; here its vectors
 become the columns of one table.
