@@ -46,6 +46,7 @@ from ..family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     Variant,
     make_solution,
 )
@@ -201,6 +202,12 @@ class FlowMap(Family[FlowMapOptions]):
         ),
     )  # fmt: skip
     options_type = FlowMapOptions
+    structures = (
+        Structure("straight, no leakage", fixed={"curvature": 0.0, "leakage": 0.0}),
+        Structure("curved, no leakage", fixed={"leakage": 0.0}),
+        Structure("straight, leakage", fixed={"curvature": 0.0}),
+        Structure("curved, leakage"),
+    )
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[FlowMapOptions]

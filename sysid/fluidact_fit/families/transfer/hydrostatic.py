@@ -32,7 +32,16 @@ from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment, FloatArray
-from ...family import ParameterSpec, Plant, Quantity, Request, Role, UnmodelledEffect, Variant
+from ...family import (
+    ParameterSpec,
+    Plant,
+    Quantity,
+    Request,
+    Role,
+    Structure,
+    UnmodelledEffect,
+    Variant,
+)
 from ...options import choice
 from ...rows import made, upper_quantile
 from .base import ASKED, TransferFamily
@@ -98,6 +107,16 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         ),
     )  # fmt: skip
     options_type = HydrostaticOptions
+    structures = (
+        Structure(
+            "mass, damping", {"dead-time": "none", "stiffness": "none"},
+            {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+        ),
+        Structure("mass, damping, dead zone", {"dead-time": "none", "stiffness": "none"}),
+        Structure("... and dead time", {"dead-time": "estimate", "stiffness": "none"}),
+        Structure("... and spring", {"dead-time": "none", "stiffness": "estimate"}),
+        Structure("... and dead time, spring", {"dead-time": "estimate", "stiffness": "estimate"}),
+    )  # fmt: skip
     dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 

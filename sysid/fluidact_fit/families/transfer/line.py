@@ -25,7 +25,7 @@ from ...estimation.parametric import Fitted
 from ...estimation.response import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
-from ...family import ParameterSpec, Quantity, Request, Role, Variant
+from ...family import ParameterSpec, Quantity, Request, Role, Structure, Variant
 from ...options import number
 from .base import TransferFamily
 
@@ -80,6 +80,10 @@ class Line(TransferFamily[LineOptions]):
         ),
     )  # fmt: skip
     options_type = LineOptions
+    structures = (
+        Structure("first order", fixed={"dead_time": 0.0}),
+        Structure("first order, dead time"),
+    )
     gain = "gain"
     steady_offset = True
 
