@@ -73,7 +73,8 @@ class Valve(TransferFamily[ValveOptions]):
                 ),
                 ParameterSpec(
                     "damping_ratio", "1", "damping ratio", minimum=1e-6,
-                    remedy=_RISE,
+                    remedy=f"{_RISE} Where the outlet rises like a first-order lag, the logs show "
+                    "no second order: fit a family of first order.",
                 ),
                 ParameterSpec(
                     "dead_time", "s", "time before the outlet begins to move",
