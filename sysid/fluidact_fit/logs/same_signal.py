@@ -19,7 +19,7 @@ from .log import Log
 _FEWEST = 8  # samples that tell
 _ROUNDING = 0.51  # of the steps of both columns, by which a copy is off at most
 _EXACT = 1e-9  # of its range, by which arithmetic is off
-_COARSE = 1e-3  # of its range: what is rounded more may be anything
+_COARSE = 1e-3  # of its range: what is rounded more has to be an exact copy
 _FACTOR = 1e-4  # part by which the factor between two units is off
 
 
@@ -74,8 +74,9 @@ def _proportional(x: FloatArray, y: FloatArray, steps: Sequence[float], moving: 
     mean_a, mean_b = (float(v.mean()) for v in (a, b)) if moving else (0.0, 0.0)
     da, db = a - mean_a, b - mean_b
     factor = float(da @ db) / float(da @ da)
-    rounding = _ROUNDING * (steps[1] + abs(factor) * steps[0]) + _EXACT * float(np.abs(b).max())
-    if rounding > _COARSE * span or np.abs(db - factor * da).max() > rounding:
+    exact = _EXACT * float(np.abs(b).max())
+    rounding = _ROUNDING * (steps[1] + abs(factor) * steps[0])
+    if np.abs(db - factor * da).max() > exact + (rounding if rounding < _COARSE * span else 0.0):
         return 0.0
     power = np.log10(abs(factor)) if factor else np.inf
     return factor if moving or abs(power - round(power)) < _FACTOR else 0.0
