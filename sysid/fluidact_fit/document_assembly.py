@@ -119,7 +119,7 @@ def make_parameter_document(
         overall, notices, details.get("residual_to_noise"), white,
         find_cause(variant, found.experiments) if overall.fit_percent < FIT_POOR else None,
     )  # fmt: skip
-    every = list(dict.fromkeys([*notices, *reasons]))
+    every = list(dict.fromkeys([*reasons, *notices]))  # what the verdict is about comes first
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
     model = family.model(found.plant, float(period), _hold(variant, fitted))
     if found.offset is not None:

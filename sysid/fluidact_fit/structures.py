@@ -301,7 +301,7 @@ def _folds(logs: Sequence[Log], found: FitResult) -> tuple[list[_Fold], str]:
     """What is fitted and what is held out, and in words how that was chosen."""
     if len(logs) > 1:
         groups = np.array_split(np.arange(len(logs)), min(len(logs), _GROUPS))
-        folds = [
+        folds: list[_Fold] = [
             ([log for k, log in enumerate(logs) if k not in out], [logs[k] for k in out])
             for out in groups
         ]

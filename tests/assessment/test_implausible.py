@@ -94,6 +94,15 @@ def test_a_refusal_begins_with_them(factors, given, words) -> None:
     assert words in str(refused.value)
 
 
+def test_swapped_chambers_are_refused() -> None:
+    options = {
+        k.replace("-", "_"): v for k, v in load_dataset("hydraulic-cylinder").options.items()
+    }
+    table = hydraulic_log().rename(columns={"pressure_1": "pressure_2", "pressure_2": "pressure_1"})
+    with pytest.raises(ff.LogError, match="the two columns seem to be swapped"):
+        ff.fit("hydraulic-cylinder", table, **options)
+
+
 def test_a_fit_that_goes_through_is_warned_of_them() -> None:
     dataset = load_dataset("spring-cylinder")
     table = pd.read_csv(dataset.logs[0])
