@@ -167,8 +167,8 @@ def compare_structures(
     progress
         Called with progress messages.
     **options
-        Whatever else :func:`.fitting.fit` takes. An option that tells structures apart limits the
-        comparison to those with this setting.
+        Whatever else :func:`.fitting.fit` takes, but ``validate``. An option that tells structures
+        apart limits the comparison to those with this setting.
 
     Returns
     -------
@@ -186,34 +186,26 @@ def compare_structures(
     structures = _structures(chosen, options, held)
     how = {name: options.pop(name) for name in _READING if name in options}
     trial = _Trial(family, open_logs(logs, **how), held, options, progress or (lambda words: None))
-    whole = [trial.fit_all(s, f"{k} of {len(structures)}") for k, s in enumerate(structures, 1)]
+    numbers = [f"{k} of {len(structures)}" for k in range(1, len(structures) + 1)]
+    whole = [trial.fit_all(s, number) for s, number in zip(structures, numbers, strict=True)]
     results = [r for r in whole if isinstance(r, FitResult)]
     if not results:
         _raise_what_all_have(whole)
     folds, words = _folds(trial.logs, results[0]) if results else ([], "")
     criteria, samples = bayes_criteria(results)
-    lowest, criterion = min(criteria, default=0.0), iter(criteria)
+    above = iter(np.array(criteria) - min(criteria, default=0.0))
     fits = []
-    for k, (structure, r) in enumerate(zip(structures, whole, strict=True), 1):
-        one = StructureFit(structure.name, structure.options, structure.fixed)
-        if not isinstance(r, FitResult):
-            fits.append(replace(one, reason=r.what))
-            continue
-        one = replace(
-            one, parameters=len(r.solution.names), fit_percent=agreement(r.fitted).fit_percent,
-            verdict=r.verdict, bic_difference=next(criterion) - lowest,
-        )  # fmt: skip
-        fits.append(trial.hold_out(one, structure, folds, f"{k} of {len(structures)}"))
+    for structure, r, number in zip(structures, whole, numbers, strict=True):
+        if isinstance(r, FitResult):
+            one = _entry(structure, r, float(next(above)))
+            fits.append(trial.hold_out(one, structure, folds, number))
+        else:
+            fits.append(_refused(structure, r))
     best = _recommended(fits)
-    if best is not None:
-        base = whole[fits.index(best)]
-        fits = [
-            replace(one, moved=tuple(_moves(base, r)))
-            if isinstance(base, FitResult) and isinstance(r, FitResult) and r is not base
-            else one
-            for one, r in zip(fits, whole, strict=True)
-        ]
-    return StructureComparison(family, tuple(fits), best.name if best else None, words, samples)
+    if best is None:
+        return StructureComparison(family, tuple(fits), None, words, samples)
+    fits = _with_moves(fits, whole, fits.index(best))
+    return StructureComparison(family, tuple(fits), best.name, words, samples)
 
 
 _Fold = tuple[Sequence[Log], Sequence[Log]]  # logs to fit, and those held out
@@ -288,6 +280,17 @@ class _Trial:
         chosen = {name.replace("-", "_"): value for name, value in structure.options.items()}
         fixed = {**structure.fixed, **self.held}
         return fit(self.family, list(logs), fixed=fixed, **{**self.options, **chosen}, **more)
+
+
+def _refused(structure: Structure, error: _Refusal) -> StructureFit:
+    return StructureFit(structure.name, structure.options, structure.fixed, reason=error.what)
+
+
+def _entry(structure: Structure, found: FitResult, bic_difference: float) -> StructureFit:
+    return StructureFit(
+        structure.name, structure.options, structure.fixed, len(found.solution.names),
+        agreement(found.fitted).fit_percent, verdict=found.verdict, bic_difference=bic_difference,
+    )  # fmt: skip
 
 
 def _raise_what_all_have(found: Sequence[FitResult | _Refusal]) -> None:
@@ -380,6 +383,19 @@ def _is_better(one: StructureFit, best: StructureFit) -> bool:
     if best.held_out_rmse is None:
         return True
     return one.held_out_rmse is not None and one.held_out_rmse <= _NO_WORSE * best.held_out_rmse
+
+
+def _with_moves(
+    fits: Sequence[StructureFit], found: Sequence[FitResult | _Refusal], best: int
+) -> list[StructureFit]:
+    """The entries with the parameters that differ from those of the best."""
+    base = found[best]
+    return [
+        replace(one, moved=tuple(_moves(base, r)))
+        if isinstance(base, FitResult) and isinstance(r, FitResult) and r is not base
+        else one
+        for one, r in zip(fits, found, strict=True)
+    ]
 
 
 def _moves(base: FitResult, other: FitResult) -> Iterator[Move]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import rigs, valve
+from studies.red_team.attacks import hydraulic_motor, rigs, valve
 from studies.red_team.run import write
 
 import fluidact_fit as ff
@@ -165,3 +166,17 @@ def test_a_negative_gain_is_a_note():
     assert "--scale command=-1 or --scale outlet=-1" in said.message
     assert result.verdict == "pass"
     assert not [n for n in ff.fit("valve", log).notices if n.code == "sign-reversed"]
+
+
+@pytest.mark.parametrize("more", [0.0, 2.0])
+def test_a_machine_that_is_stronger_in_one_direction_is_named(more):
+    truth = {**hydraulic_motor.TRUTH, "gain_more": more}
+    log = hydraulic_motor.log(np.random.default_rng(1), p=truth, n=1000)[0]
+    signals = {r: Signal(r, log["time"], log[r], unit, "zoh")
+               for r, unit in (("command", "A"), ("speed", "rad/s"))}  # fmt: skip
+    run = Experiment("log", 0, log["time"], signals, 0.02, True)
+    variant = get_family("line").variants[0]  # without parameters of one side
+    roles = tuple(replace(r, name={"inlet": "command", "outlet": "speed"}.get(r.name, r.name))
+                  for r in variant.roles)  # fmt: skip
+    found = find_cause(replace(variant, roles=roles), [run])
+    assert bool(found and "times as much to one sign of 'command'" in found.words) == bool(more)

@@ -28,6 +28,8 @@ _CHANGES = 0.25  # of its range, which an input changes while the output is ther
 _MOVING = 0.05  # of the largest speed, at which something moves
 _PUSHED = 0.2  # of that time, in which it would move elsewhere
 _AGAINST = 0.5  # correlation of an input and the motion against it
+_SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
+_SIDES_DIFFER = 1.5  # times, from which on a model of equal sides is not determined
 _ASIDE = 0.8  # of it, that output and change of the output may have of the other sign
 _ALIKE = 0.004  # of its range, by which two sensors of one quantity differ
 _JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
@@ -78,7 +80,16 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
                 f"'{role}' changes: there seems to be a stop, or a sensor at its limit, and",
                 "Leave that out with --exclude or --window, or record within the stroke.",
             )
+    sided = any(p.name.endswith(_SIDED) for p in variant.parameters)
     for role in (r.name for r in variant.driving):
+        times = 1.0 if sided else _asymmetry(runs, role, output)
+        if times > _SIDES_DIFFER:
+            yield Cause(
+                f"'{output}' answers {times:.2g} times as much to one sign of '{role}' as to the "
+                "other, which this model does not do, and",
+                f"Fit each sign of '{role}' by itself (--exclude or --window), or correct what is "
+                "steeper on one side: a sensor, a valve, an area.",
+            )
         if _is_one_signal(runs, role, output):
             yield Cause(
                 f"'{output}' is '{role}' at the same sample, but for a factor and noise: the two "
@@ -170,6 +181,27 @@ def _direction(e: Experiment, role: str, output: str) -> int:
         if most > max(_AGAINST, 2.0 * least) and aside < _ASIDE * most:
             return sign
     return 0
+
+
+def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
+    """How many times as much an output answers to one sign of its input as to the other.
+
+    Means of large inputs of either sign, against the output without input; 1 where there is none.
+    """
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
+    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST]
+    answers = []
+    for sign in (1.0, -1.0):
+        top = max((float((sign * u).max()) for u, _ in both), default=0.0)
+        gains = []
+        for u, y in both:
+            large, rest = sign * u > 0.5 * top, np.abs(u) < _BAND * np.abs(u).max()
+            if top > 0.0 and large.any() and rest.any():
+                rise = float(y[large].mean() - y[rest].mean())
+                gains.append(rise / float(u[large].mean()))
+        answers.append(float(np.mean(gains)) if gains else 0.0)
+    low, high = sorted(answers)
+    return high / low if low > 0.0 else 1.0
 
 
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
