@@ -103,10 +103,10 @@ def machines() -> Iterator[Machine]:
     ):
         yield Machine("line", structure, partial(line, lags=lags, delay=delay), held)
     zoned = partial(hydrostatic.record, n=600)
-    yield Machine("hydrostatic", "mass, damping, dead zone", zoned)
+    yield Machine("hydrostatic", "dead zone", zoned)
     late, sprung = {**HYDROSTATIC, "dead_time": 0.03}, {**HYDROSTATIC, "stiffness": 2000.0}
-    yield Machine("hydrostatic", "... and dead time", partial(zoned, truth=late))
-    yield Machine("hydrostatic", "... and spring", partial(zoned, truth=sprung))
+    yield Machine("hydrostatic", "dead zone, dead time", partial(zoned, truth=late))
+    yield Machine("hydrostatic", "dead zone, spring", partial(zoned, truth=sprung))
     mass = {"mass": cylinder_friction.MASS}
     for structure, more in (
         ("symmetric viscous friction", {}),

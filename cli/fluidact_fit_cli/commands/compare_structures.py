@@ -95,9 +95,9 @@ def _show(found: StructureComparison, command: str) -> None:
     if best is None:
         echo("\nall structures were refused")
         return
-    echo(f"\nk parameters; ΔBIC over the lowest, on the same {found.samples} samples for all")
+    echo(f"\nk: estimated parameters; ΔBIC: above the lowest, on the same {found.samples} samples")
     if found.held_out:
-        echo(f"held out: {found.held_out}, fitted without and then predicted")
+        echo(f"held out: {found.held_out}, predicted by a fit to the rest")
     moved = [(one, m) for one in found.structures for m in one.moved]
     if moved:
         echo(f"\nwhat differs by more than 2 standard errors from '{best.name}':")

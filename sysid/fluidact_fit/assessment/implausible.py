@@ -85,7 +85,7 @@ def _pressures(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
         if not known or not role.gauge:
             continue
         low = min(float(s.values.min()) for s in known)
-        most = max(float(np.abs(s.values).max()) for s in known)
+        most = max(-low, *(float(s.values.max()) for s in known))
         if low < -policy.VACUUM:
             yield Cause(
                 f"'{role.name}' falls to {known[0].text(low)}, which is below vacuum: it seems to "

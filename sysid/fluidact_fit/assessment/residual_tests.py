@@ -141,8 +141,8 @@ def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> list[
             found.append(
                 Notice(
                     "sign-reversed",
-                    f"{spec.name} is negative: '{output}' falls as '{bottom}' rises. If the "
-                    f"machine does not do that, give --scale {bottom}=-1 or --scale {output}=-1.",
+                    f"{spec.name} is negative: '{output}' falls as '{bottom}' rises. If that is "
+                    f"not so, give --scale {bottom}=-1 or --scale {output}=-1.",
                 )
             )
     return found

@@ -17,6 +17,7 @@ from ..specification import Variant
 from .log import Log
 
 _FEWEST = 8  # samples that tell
+_FEW = 400  # samples over the log that are looked at first
 _ROUNDING = 0.51  # of the steps of both columns, by which a copy is off at most
 _EXACT = 1e-9  # of its range, by which arithmetic is off
 _COARSE = 1e-3  # of its range: what is rounded more has to be an exact copy
@@ -57,7 +58,7 @@ def _sampled_alike(e: Experiment, one: str, other: str) -> bool:
 def _factor(e: Experiment, one: str, other: str, moving: bool) -> float:
     """By what the second signal is the first one, 0 where it is another one."""
     x, y = e[one], e[other]
-    few = slice(0, 50 * _FEWEST)  # most are told apart by these
+    few = slice(None, None, max(x.size // _FEW, 1))  # most are told apart by these
     steps = [e.signals[role].resolution for role in (one, other)]
     if not _proportional(x[few], y[few], steps, moving):
         return 0.0

@@ -109,13 +109,18 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     options_type = HydrostaticOptions
     structures = (
         Structure(
-            "mass, damping", {"dead-time": "none", "stiffness": "none"},
+            "no dead zone", {"dead-time": "none", "stiffness": "none"},
             {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
         ),
-        Structure("mass, damping, dead zone", {"dead-time": "none", "stiffness": "none"}),
-        Structure("... and dead time", {"dead-time": "estimate", "stiffness": "none"}),
-        Structure("... and spring", {"dead-time": "none", "stiffness": "estimate"}),
-        Structure("... and dead time, spring", {"dead-time": "estimate", "stiffness": "estimate"}),
+        *(
+            Structure(name, {"dead-time": late, "stiffness": spring})
+            for name, late, spring in (
+                ("dead zone", "none", "none"),
+                ("dead zone, dead time", "estimate", "none"),
+                ("dead zone, spring", "none", "estimate"),
+                ("dead zone, dead time, spring", "estimate", "estimate"),
+            )
+        ),
     )  # fmt: skip
     dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
