@@ -28,6 +28,7 @@ from .specification import (
     Simulate,
     Simulated,
     Status,
+    Structure,
     UnmodelledEffect,
     Value,
     Variant,
@@ -37,8 +38,8 @@ from .specification import (
 __all__ = [
     "Block", "Curve", "Excitation", "Family", "FamilyOptions", "Information", "NoiseLevel",
     "NoiseModel", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
-    "Simulate", "Simulated", "Solution", "StaticView", "Status", "UnmodelledEffect", "Value",
-    "Variant", "make_solution", "scalars",
+    "Simulate", "Simulated", "Solution", "StaticView", "Status", "Structure", "UnmodelledEffect",
+    "Value", "Variant", "make_solution", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
@@ -137,6 +138,9 @@ class Family(ABC, Generic[OptionsT]):
     examined
         Samples of every run by which the examinations that simulate judge what is always there:
         all that count where simulations are cheap, fewer where each takes its time.
+    structures
+        Forms of the equation among which logs can choose (:mod:`.structures`), the simplest
+        first; none where there is one form only.
     """
 
     name: str
@@ -147,6 +151,7 @@ class Family(ABC, Generic[OptionsT]):
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
     examined: ClassVar[int] = 200_000
+    structures: ClassVar[tuple[Structure, ...]] = ()
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""

@@ -209,6 +209,26 @@ class Request(Generic[ReadT]):
 
 
 @dataclass(frozen=True)
+class Structure:
+    """A form of a family's equation that can be compared with its other forms on the same logs.
+
+    Attributes
+    ----------
+    name
+        What it is, a few words: ``"second order with dead time"``.
+    options
+        Settings of the family's options that select it, by name; forms that differ in an option
+        all set it.
+    fixed
+        Parameters that it leaves out, by name, at the value without effect [SI].
+    """
+
+    name: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class NoiseLevel:
     """White noise on a measured input.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .examination import Examined, examine
+from .implausible import find_implausible
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
 from .refusal_causes import Cause, find_cause, leads
 from .verdict import judge, residual_whiteness
@@ -13,6 +14,7 @@ __all__ = [
     "Outlier",
     "examine",
     "find_cause",
+    "find_implausible",
     "judge",
     "leads",
     "most_outliers",

@@ -41,6 +41,7 @@ from ...family import (
     Role,
     Simulated,
     Solution,
+    Structure,
     UnmodelledEffect,
     Variant,
 )
@@ -120,6 +121,12 @@ class BallScrew(Family[BallScrewOptions]):
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
+    structures = (
+        Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
+        Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
+        Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
+        Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
+    )
     examined = 40_000
 
     def estimate(

@@ -35,6 +35,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     UnmodelledEffect,
     Variant,
     make_solution,
@@ -141,6 +142,14 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
     options_type = HydraulicCylinderOptions
+    structures = (
+        Structure(
+            "no dead zone", {"stribeck": "none"},
+            {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+        ),
+        Structure("dead zone", {"stribeck": "none"}),
+        Structure("dead zone, Stribeck", {"stribeck": "estimate"}),
+    )  # fmt: skip
     examined = 30_000
 
     def estimate(

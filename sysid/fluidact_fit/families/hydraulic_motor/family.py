@@ -24,6 +24,7 @@ from ...family import (
     Role,
     Simulated,
     Solution,
+    Structure,
     UnmodelledEffect,
     Variant,
 )
@@ -93,6 +94,12 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         ),
     )  # fmt: skip
     options_type = MotorOptions
+    structures = (
+        Structure("no hysteresis, no dead time", {"dead-time": "none"}, {"hysteresis": 0.0}),
+        Structure("hysteresis", {"dead-time": "none"}),
+        Structure("dead time", {"dead-time": "estimate"}, {"hysteresis": 0.0}),
+        Structure("hysteresis, dead time", {"dead-time": "estimate"}),
+    )
     gain, robust, common_offset = "gain", True, False
     steady_offset = True
 

@@ -41,6 +41,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     Variant,
     make_solution,
 )
@@ -102,6 +103,10 @@ class Potentiometer(Family[PotentiometerOptions]):
         ),
     )  # fmt: skip
     options_type = PotentiometerOptions
+    structures = (
+        *(Structure(f"degree {n}", {"degree": str(n), "branches": "pooled"}) for n in range(1, 6)),
+        Structure("a curve for each direction", {"degree": "auto", "branches": "two"}),
+    )
 
     def estimate(
         self,

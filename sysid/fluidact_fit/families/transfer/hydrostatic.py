@@ -32,7 +32,16 @@ from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment, FloatArray
-from ...family import ParameterSpec, Plant, Quantity, Request, Role, UnmodelledEffect, Variant
+from ...family import (
+    ParameterSpec,
+    Plant,
+    Quantity,
+    Request,
+    Role,
+    Structure,
+    UnmodelledEffect,
+    Variant,
+)
 from ...options import choice
 from ...rows import made, upper_quantile
 from .base import ASKED, TransferFamily
@@ -98,6 +107,21 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         ),
     )  # fmt: skip
     options_type = HydrostaticOptions
+    structures = (
+        Structure(
+            "no dead zone", {"dead-time": "none", "stiffness": "none"},
+            {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+        ),
+        *(
+            Structure(name, {"dead-time": late, "stiffness": spring})
+            for name, late, spring in (
+                ("dead zone", "none", "none"),
+                ("dead zone, dead time", "estimate", "none"),
+                ("dead zone, spring", "none", "estimate"),
+                ("dead zone, dead time, spring", "estimate", "estimate"),
+            )
+        ),
+    )  # fmt: skip
     dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 
