@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
@@ -40,7 +41,8 @@ from ...estimation.response import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 
 ANY = Beginning()
-_PARTS = 8  # of a sample time, for a command that moves
+_PARTS = 8  # of a sample time at most, for a command that moves
+_PIECE = 0.0025  # of the range of the command, by which it moves in a part
 _MOST = 400_000  # instants of a moving command
 
 
@@ -67,13 +69,23 @@ def static_speed(spool: Array, values: Values) -> Array:
     offset of the command and the saturation command.
     """
     spool = spool - values.get("command_offset", 0.0)
-    sign = np.where(np.real(spool) >= 0.0, 1.0, -1.0)
-    size, top = spool * sign, values.get("saturation_command", np.inf)
-    low, high = edges(values)
-    x = np.where(np.real(size) < np.real(top), size, top) - np.where(sign > 0.0, high, -low)
+    forward, top, (low, high) = (
+        np.real(spool) >= 0.0,
+        values.get("saturation_command", np.inf),
+        edges(values),
+    )
+    size = np.where(forward, spool, -spool)
+    x = np.where(np.real(size) < np.real(top), size, top) - np.where(forward, high, -low)
     x = np.where(np.real(x) > 0.0, x, 0.0)
     k = values["curvature"] + 1e-12  # the limit of a straight line
-    return np.asarray(sign * values["gain"] / k * -np.expm1(-k * x))
+    speed = -values["gain"] / k * _expm1(-k * x)
+    return np.asarray(np.where(forward, speed, -speed))
+
+
+def _expm1(z: Array) -> Array:
+    """``exp(z) - 1`` where the imaginary part is the tiny one of a complex step: cheaper."""
+    real = np.expm1(np.real(z))
+    return real + 1j * np.imag(z) * (1.0 + real) if np.iscomplexobj(z) else real
 
 
 def lag(values: Values, integrates: bool) -> tuple[Array, Array, Array]:
@@ -113,16 +125,26 @@ def _prepare(e: Experiment, unrecorded: float) -> _Run:
 
 def _refine(signal: Signal) -> tuple[FloatArray, FloatArray]:
     """A moving command at instants so close that its way across a corner is nearly straight."""
-    parts = max(1, min(_PARTS, _MOST // signal.time.size))
-    curve = piecewise(signal)
-    share = np.arange(parts) / parts
-    time = (signal.time[:-1, None] + np.diff(signal.time)[:, None] * share).ravel()
-    piece = np.repeat(np.arange(signal.time.size - 1), parts)
-    past = time - signal.time[piece]
-    values = np.zeros(time.size)
-    for column in curve.coefficients.T[::-1]:
-        values = values * past + column[piece]
-    return np.append(time, signal.time[-1]), np.append(values, signal.values[-1])
+    time, values, curve = signal.time, signal.values, piecewise(signal).coefficients
+    power = np.arange(curve.shape[1])
+    terms = power * curve[: time.size - 1] * np.diff(time)[:, None] ** power
+    # the way of a sample at the speed of its beginning or its end, whichever is more
+    moved = np.maximum(np.abs(terms[:, 1]), np.abs(terms.sum(axis=1)))
+    moved /= max(float(np.ptp(values)), 1e-300)
+    most = max(1, min(_PARTS, _MOST // time.size))
+    # powers of two: few lengths of pieces
+    parts = np.minimum(2 ** np.ceil(np.log2(np.maximum(moved / _PIECE, 1.0))), most).astype(int)
+    piece = np.repeat(np.arange(parts.size), parts)
+    past = np.diff(time)[piece] * _count_up(parts) / parts[piece]
+    out = np.zeros(past.size)
+    for column in curve.T[::-1]:
+        out = out * past + column[piece]
+    return np.append(time[piece] + past, time[-1]), np.append(out, values[-1])
+
+
+def _count_up(counts: npt.NDArray[np.int_]) -> npt.NDArray[np.int_]:
+    """``0, 1, ... counts[0] - 1, 0, 1, ...``."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 class MotorModel:

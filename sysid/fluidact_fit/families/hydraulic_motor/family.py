@@ -17,7 +17,9 @@ from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, 
 from ...estimation.unmodelled_effects import output_offset, soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
+    Curve,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -25,11 +27,13 @@ from ...family import (
     Role,
     Simulated,
     Solution,
+    StaticView,
     UnmodelledEffect,
     Variant,
+    make_solution,
 )
 from ...specification import quotient_unit
-from .block import MotorBlock
+from .block import MotorBlock, MotorCurve
 from .command import command_noise, held_levels
 from .equation import MotorModel, edges, static_speed
 from .fit import (
@@ -42,7 +46,16 @@ from .fit import (
     plan_motor,
     start_motor,
 )
+from .static import fit_points, gather, law
 
+STATIC = "static"
+_COMMAND = Role(
+    "command", "A", "current or voltage of the valve, or width of a pulse", hold="zoh",
+    alternatives=("V", "s", "1"),
+)  # fmt: skip
+_SPEED = Role(
+    "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
+)
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
 
 
@@ -96,8 +109,7 @@ def _variant(name: str, output: Role) -> Variant:
         name,
         (
             Role("time", "s", "time of each sample"),
-            Role("command", "A", "current or voltage of the valve, or width of a pulse",
-                 hold="zoh", alternatives=("V", "s", "1")),
+            _COMMAND,
             output,
         ),
         (
@@ -125,24 +137,36 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         "x = min(|w|, saturation_command) - dead_zone, w = play(command(t - dead_time), hysteresis)"
     )
     variants = (
-        _variant("hydraulic-motor", Role("speed", "rad/s", "speed of the motor", output=True,
-                 alternatives=("V", "m/s", "m3/s", "1"))),
+        _variant("hydraulic-motor", _SPEED),
         _variant("angle", Role("angle", "rad", "angle of the motor", output=True,
                  alternatives=("1",))),
         _variant("position", Role("position", "m", "position of what the motor drives",
                  output=True, alternatives=("V", "1"))),
+        Variant(
+            STATIC,
+            (Role("time", "s", "time of each point", required=False), _COMMAND, _SPEED),
+            _curve(("speed",), "rad/s"),
+            equation="speed = sgn(w) gain / curvature (1 - exp(-curvature x)), "
+            "x = min(|w|, saturation_command) - dead_zone, w = play(command, hysteresis)",
+        ),
     )  # fmt: skip
     options_type = MotorOptions
     gain, robust, common_offset = "gain", True, False
     steady_offset = True
+
+    def variants_for(self, options: MotorOptions) -> tuple[Variant, ...]:
+        """Settled points, or samples in time of the speed or its integral."""
+        return tuple(v for v in self.variants if (v.name == STATIC) == (options.mode == "static"))
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
     ) -> Solution[MotorOptions]:
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        _check_dead_time(experiments, request)
         _check_dead_zone(request)
+        if variant.name == STATIC:
+            return self._estimate_points(variant, experiments, request)
+        _check_dead_time(experiments, request)
         notices: list[Notice] = []
         noise = request.options.command_noise or command_noise(experiments)
         levels = held_levels(experiments, noise) if noise else None
@@ -157,7 +181,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         if noise and levels is None:
             notices += _warn_of_noise(fitted, noise)
         if SATURATION not in fitted.values:
-            notices.append(_remark_on_saturation(fitted, bend))
+            notices.append(_remark_on_saturation(fitted.values, bend))
         settled = replace(found.settled(request.options), command_noise=noise if levels else None)
         unit = experiments[0].units[variant.output.name]
         if variant.output.name != "speed":
@@ -165,6 +189,23 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         return found.solution(
             self.simulate, experiments, variant, settled,
             fitted.derive(defaultdict(lambda: unit), _saturation_speeds), notices,
+        )  # fmt: skip
+
+    def _estimate_points(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
+    ) -> Solution[MotorOptions]:
+        found = fit_points(variant, experiments, request)
+        units, solved = experiments[0].units, found.solved
+        parameters, order, matrix = solved.quantities(variant.parameters, units)
+        notices = list(found.notices)
+        if SATURATION not in solved.values:
+            notices.append(_remark_on_saturation({}, {}))
+        return make_solution(
+            self.simulate, experiments, variant, request.options, parameters, order,
+            NoiseModel(matrix, solved.independent),
+            jacobians=[{"speed": j} for j in found.data.by_log(found.jacobian)],
+            derived=solved.derive(defaultdict(lambda: units["speed"]), _saturation_speeds),
+            notices=notices, details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
         )  # fmt: skip
 
     def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
@@ -195,6 +236,9 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
+        if plant.variant.name == STATIC:
+            data = gather(experiments)
+            return [Simulated(y) for y in data.by_log(np.real(law(plant.numbers, data.x)))]
         options, noise = plant.options, plant.options.command_noise
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
         out, output = [], plant.variant.output.name
@@ -225,10 +269,13 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         """The static curve, the lag behind it, and that lag for a speed held between samples."""
         v = plant.numbers
         lag = ("time_constant", "dead_time")
+        equation = _equation_of(plant.variant.equation or self.equation, v)
         section: dict[str, Any] = {
-            "static": {"equation": self._equation_of(v), **{n: v[n] for n in v if n not in lag}},
-            "lag": {n: v[n] for n in lag if n in v},
+            "static": {"equation": equation, **{n: v[n] for n in v if n not in lag}},
         }
+        if plant.variant.name == STATIC:
+            return section
+        section["lag"] = {n: v[n] for n in lag if n in v}
         if sample_time > 0.0:
             integral = [0.0] if plant.variant.output.name != "speed" else []
             section["discrete"] = discretise(
@@ -236,19 +283,40 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             )
         return section
 
-    def _equation_of(self, values: Mapping[str, float]) -> str:
-        """The equation with the dead zone and the offset that the values have."""
-        text = self.equation
-        if OFFSET in values:
-            text += f" - {OFFSET}"
-        if "dead_zone" not in values:
-            low, high = EDGES
-            text = text.replace("- dead_zone,", f"- ({high} if w > 0 else -{low}),")
-        return text
+    def static_view(
+        self,
+        plant: Plant[MotorOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> StaticView | None:
+        """Speed over command going up and coming down, of settled points."""
+        if plant.variant.name != STATIC:
+            return None
+        u, units = np.concatenate([e.sampled("command") for e in experiments]), experiments[0].units
+        speed, v = np.concatenate([e["speed"] for e in experiments]), plant.numbers
+        line, half = np.linspace(u.min(), u.max(), 500), 0.5 * v["hysteresis"]
+        curves = [Curve(label, line, np.real(static_speed(line + shift, v)))
+                  for label, shift in (("rising", -half), ("falling", half))]  # fmt: skip
+        return StaticView(
+            "command", units["command"], "speed", units["speed"], u, speed,
+            np.concatenate([s.output for s in simulated]), np.isfinite(speed),
+            curves if half else curves[:1],
+        )  # fmt: skip
 
-    def block(self, variant: Variant, document: ParameterDocument) -> MotorBlock:
-        """The static curve and its inverse for a controller."""
-        return MotorBlock(document, variant)
+    def block(self, variant: Variant, document: ParameterDocument) -> MotorCurve:
+        """The static curve and its inverse for a controller, and the motion where it is known."""
+        return (MotorCurve if variant.name == STATIC else MotorBlock)(document, variant)
+
+
+def _equation_of(equation: str, values: Mapping[str, float]) -> str:
+    """The equation with the dead zone and the offset that the values have."""
+    text = equation
+    if OFFSET in values:
+        text += f" - {OFFSET}"
+    if "dead_zone" not in values:
+        low, high = EDGES
+        text = text.replace("- dead_zone,", f"- ({high} if w > 0 else -{low}),")
+    return text
 
 
 def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOptions]) -> None:
@@ -273,17 +341,17 @@ def _check_dead_zone(request: Request[MotorOptions]) -> None:
                 f"{name} is no parameter with --dead-zone={options.dead_zone}",
                 remedy=f"Give --dead-zone={other}, or leave {name} out.",
             )
-    if options.dead_zone == "asymmetric" and options.command_offset == "estimate":
-        if OFFSET not in request.fixed:
-            raise UsageError(
-                "--command-offset=estimate and --dead-zone=asymmetric ask for the same: an offset "
-                "moves both edges",
-                remedy="Leave one of them out, or say from where the edges count: "
-                "--fix command_offset=VALUE.",
-            )
+    free = options.command_offset == "estimate" and OFFSET not in request.fixed
+    if options.dead_zone == "asymmetric" and free:
+        raise UsageError(
+            "--command-offset=estimate and --dead-zone=asymmetric ask for the same: an offset "
+            "moves both edges",
+            remedy="Leave one of them out, or say from where the edges count: "
+            "--fix command_offset=VALUE.",
+        )
 
 
-def _remark_on_saturation(fitted: Fitted, bend: Mapping[str, float]) -> Notice:
+def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]) -> Notice:
     """Say that there is no saturation in the file, and whether there could be one."""
     if not bend:
         return Notice(
@@ -292,7 +360,7 @@ def _remark_on_saturation(fitted: Fitted, bend: Mapping[str, float]) -> Notice:
             "saturation_command. Raise the command until the speed grows no more, if it is needed.",
         )
     moved = ", ".join(
-        f"{n} {bend[n]:.3g} instead of {fitted.values[n]:.3g}"
+        f"{n} {bend[n]:.3g} instead of {values[n]:.3g}"
         for n in ("gain", "curvature", "dead_zone", *EDGES)
         if n in bend
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import expm1
 
 from ...routines import (
@@ -98,9 +98,10 @@ def step_routine(
     values: Mapping[str, float], command: Argument, output: tuple[str, str], lag: Filter,
     offset: float, sample_time: float,
 ) -> Routine:  # fmt: skip
-    """Return one step of the motion; ``output`` is its role and unit, ``lag`` follows the curve."""
+    """Return one step of the motion, to the role and unit ``output``; ``lag`` follows the curve."""
     curve, (role, unit) = _Curve(values, command), output
-    follow = Draft("step", f"Take the command of this sample, return the {role}.", unit, sample_time)
+    about = f"Take the command of this sample, return the {role}."
+    follow = Draft("step", about, unit, sample_time)
     u, spool = follow.argument(command), follow.state("spool", curve.offset)
     follow.put(spool, _behind_play(u, spool, values))
     follow.let("drive", curve.speed(spool))
