@@ -118,14 +118,16 @@ class Variant:
 
     Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
     and a linear one (force, position, mass). Of the roles in ``alike`` only the ratio matters:
-    they may be in any quantity that they accept, but all of them in the same. ``equation`` is the
-    family's in the names of these roles, empty where the family's has them.
+    they may be in any quantity that they accept, but all of them in the same; ``unlike`` is what to
+    do where they are not. ``equation`` is the family's in the names of these roles, empty where the
+    family's has them.
     """
 
     name: str
     roles: tuple[Role, ...]
     parameters: tuple[ParameterSpec, ...]
     alike: tuple[str, ...] = ()
+    unlike: str = ""
     equation: str = ""
 
     def role(self, name: str) -> Role:

@@ -2,6 +2,9 @@
 
     Y(s)/U(s) = K exp(-T_d s) / (tau s + 1)
 
+from the pressure at its valve side, or from the command of the valve where that was not recorded:
+the gain is then a pressure per command, and valve and line are one lag with one dead time.
+
 The first order stands for filling the volume at the far end, the dead time for the wave
 that has to travel there, ``L/c`` for a line of length ``L`` and sound speed ``c`` [1]_.
 
@@ -30,6 +33,7 @@ from ...options import number
 from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
+_EQUATION = "outlet(s)/{}(s) = gain * exp(-dead_time s) / (time_constant s + 1)"
 _NEAR = 0.1  # sample times from a sample
 _FAST = 0.6  # sample times of a time constant below which samples show little of the response
 
@@ -44,39 +48,57 @@ class LineOptions(ResponseOptions):
     sound_speed: float | None = number(help="sound speed in the line", unit="m/s", above=0.0)
 
 
+def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: Any) -> Variant:
+    """A line behind what drives it; the gain is the one parameter that depends on that."""
+    return Variant(
+        name,
+        (Role("time", "s", "time of each sample"), drive, outlet),
+        (
+            gain,
+            ParameterSpec(
+                "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
+                remedy="Sample faster, or record a step instead of a slow change.",
+            ),
+            ParameterSpec(
+                "dead_time", "s", "time before the outlet begins to move",
+                neutral=0.0, minimum=0.0, curved=True,
+                remedy=f"Record sharp steps of the {drive.name}, sampled several times within "
+                "the time the wave needs to travel.",
+            ),
+        ),
+        **more,
+    )  # fmt: skip
+
+
 class Line(TransferFamily[LineOptions]):
     """First-order line with dead time."""
 
     name = "line"
     title = "Transmission line: gain, time constant and dead time"
-    equation = "outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant s + 1)"
+    equation = _EQUATION.format("inlet")
     variants = (
-        Variant(
+        _variant(
             "line",
-            (
-                Role("time", "s", "time of each sample"),
-                Role("inlet", "Pa", "pressure at the valve side", hold="auto",
-                     alternatives=_SENSORS),
-                Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
-                     output=True, alternatives=_SENSORS),
-            ),
-            (
-                ParameterSpec(
-                    "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
-                    remedy="Record at least one step of the inlet between two levels.",
-                ),
-                ParameterSpec(
-                    "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
-                    remedy="Sample faster, or record a step instead of a slow change.",
-                ),
-                ParameterSpec(
-                    "dead_time", "s", "time before the outlet begins to move",
-                    neutral=0.0, minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the inlet, sampled several times within "
-                    "the time the wave needs to travel.",
-                ),
+            Role("inlet", "Pa", "pressure at the valve side", hold="auto", alternatives=_SENSORS),
+            Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
+                 output=True, alternatives=_SENSORS),
+            ParameterSpec(
+                "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
+                remedy="Record at least one step of the inlet between two levels.",
             ),
             alike=("inlet", "outlet"),
+            unlike="If inlet is the command of a valve, name it so: --column command=HEADER.",
+        ),
+        _variant(
+            "command",
+            Role("command", "V", "command of the valve before the line", hold="zoh",
+                 alternatives=("A", "1")),
+            Role("outlet", "Pa", "pressure at the far end", output=True, alternatives=("V", "1")),
+            ParameterSpec(
+                "gain", "Pa/V", "steady outlet pressure per command", ratio=("outlet", "command"),
+                remedy="Record at least one step of the command between two levels.",
+            ),
+            equation=_EQUATION.format("command"),
         ),
     )  # fmt: skip
     options_type = LineOptions
