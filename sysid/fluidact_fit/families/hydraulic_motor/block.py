@@ -139,10 +139,14 @@ class MotorBlock(MotorCurve, LinearBlock):
         self._spool = self.centre if command is None else float(command)
         steady, self._lag = float(self(self._spool)), self._sampled()
         self._on_their_way = deque([steady] * (self._lag.whole + 1))
-        own = self.offset if self._gives_speed else 0.0
         if self._gives_speed:
-            return np.array([steady if output is None else float(output) - own])
+            return np.array([steady if output is None else float(output) - self.offset])
         return np.array([steady, 0.0 if output is None else float(output)])
+
+    @property
+    def _zero(self) -> float:
+        """Output at rest; where an angle begins belongs to the log."""
+        return self.offset if self._gives_speed else 0.0
 
     def _step(self, value: float) -> float:
         """Play and curve act on the command, then dead time and lag."""
@@ -152,7 +156,7 @@ class MotorBlock(MotorCurve, LinearBlock):
         self._on_their_way.append(float(self(self._spool)))
         before, newest = self._on_their_way.popleft(), self._on_their_way[0]
         self._state = lagging.phi @ now + lagging.old * before + lagging.new * newest
-        return float(lagging.output @ now) + (self.offset if self._gives_speed else 0.0)
+        return float(lagging.output @ now) + self._zero
 
     def routines(self) -> Sequence[Routine]:
         """One step of the motion; steady speed for a known direction, and its inverse."""
@@ -161,8 +165,7 @@ class MotorBlock(MotorCurve, LinearBlock):
         command = self.argument("command", "command of the valve")
         step = step_routine(
             self.numbers(), command, (self.output.role, self.output.unit),
-            difference_equation(self._sampled()), self.offset if self._gives_speed else 0.0,
-            self.sample_time,
+            difference_equation(self._sampled()), self._zero, self.sample_time,
         )  # fmt: skip
         return step, *super().routines()
 

@@ -69,11 +69,8 @@ def static_speed(spool: Array, values: Values) -> Array:
     offset of the command and the saturation command.
     """
     spool = spool - values.get("command_offset", 0.0)
-    forward, top, (low, high) = (
-        np.real(spool) >= 0.0,
-        values.get("saturation_command", np.inf),
-        edges(values),
-    )
+    forward, (low, high) = np.real(spool) >= 0.0, edges(values)
+    top = values.get("saturation_command", np.inf)
     size = np.where(forward, spool, -spool)
     x = np.where(np.real(size) < np.real(top), size, top) - np.where(forward, high, -low)
     x = np.where(np.real(x) > 0.0, x, 0.0)

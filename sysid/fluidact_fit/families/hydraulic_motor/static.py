@@ -72,13 +72,18 @@ def fit_points(
                 remedy="Leave it out, or --mode=static.",
             )
     require_motion(experiments)
-    plain, bent = (_fit(variant, experiments, request, saturated) for saturated in (False, True))
-    if SATURATION in {**request.fixed, **request.start}:
-        plain = None
-    if plain is None and bent is None:
-        _fit(variant, experiments, request, SATURATION in request.fixed, strict=True)
-    if plain is None or bent is None:
-        return plain or bent  # type: ignore[return-value]
+    given, found = SATURATION in {**request.fixed, **request.start}, []
+    refused: NotIdentifiedError | None = None
+    for saturated in (True,) if given else (True, False):
+        try:
+            found.append(_fit(variant, experiments, request, saturated))
+        except NotIdentifiedError as error:
+            refused = error
+    if refused is not None and not found:
+        raise refused
+    if len(found) == 1:
+        return found[0]
+    bent, plain = found
     values = bent.solved.values
     top = highest_command(experiments, float(values.get(OFFSET, 0.0)))
     reach = top - 0.5 * float(values["hysteresis"])
@@ -89,30 +94,23 @@ def fit_points(
 
 def _fit(
     variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions],
-    saturated: bool, strict: bool = False,
-) -> NamedFit | None:  # fmt: skip
-    """The fit with or without a saturation; ``None`` where it is refused, unless ``strict``."""
+    saturated: bool,
+) -> NamedFit:  # fmt: skip
+    """The fit with or without a saturation."""
     data, searched = gather(experiments), searched_curve(experiments, request, saturated)
     names = {s.name for s in searched} | {"gain"}
-    specs = tuple(p for p in variant.parameters if p.name in names)
     known = {n: v for n, v in request.fixed.items() if n in names}
     start = {n: v for n, v in request.start.items() if n in names}
 
     def starts(held: Mapping[str, float]) -> list[dict[str, float]]:
         return _starts(experiments, data, replace(request, fixed=held), names)
 
-    try:
-        return fit_named_map(
-            law, specs, data, starts, {s.name: s.limits for s in searched},
-            replace(request, fixed=known, start=start),
-            sensible={s.name: s.sensible for s in searched if s.sensible is not None},
-            refusals=[r for r in refused_beforehand(experiments, request)
-                      if r.parameter not in known],
-        )  # fmt: skip
-    except NotIdentifiedError:
-        if strict:
-            raise
-        return None
+    return fit_named_map(
+        law, tuple(p for p in variant.parameters if p.name in names), data, starts,
+        {s.name: s.limits for s in searched}, replace(request, fixed=known, start=start),
+        sensible={s.name: s.sensible for s in searched if s.sensible is not None},
+        refusals=[r for r in refused_beforehand(experiments, request) if r.parameter not in known],
+    )  # fmt: skip
 
 
 def _starts(
