@@ -185,7 +185,9 @@ def _best_variant(
     name: str, log: Log, signals: Sequence[Column], timed: bool
 ) -> Iterator[Suggestion]:
     """Yield the variant of a family that uses the columns best, if any can."""
-    candidates = (_assign(name, v, log, signals, timed) for v in get_family(name).variants)
+    family = get_family(name)
+    variants = family.variants_for(family.options_type())
+    candidates = (_assign(name, v, log, signals, timed) for v in variants)
     usable = [s for s in candidates if s is not None]
     if usable:
         yield max(usable, key=lambda s: s.score)

@@ -165,7 +165,8 @@ def _ramp(t: FloatArray, since: float, size: float) -> FloatArray:
 
 def _parameters(at: Optimum) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
-    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees}
+    possible = {spec.name for spec in at.variant.parameters}
+    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees in possible}
     table = at.solution.parameters
     held = [n for n, q in table.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*held, *(n for n in freed if n not in table))):

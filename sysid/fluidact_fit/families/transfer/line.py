@@ -2,6 +2,9 @@
 
     Y(s)/U(s) = K exp(-T_d s) / (tau tau_2 s^2 + tau s + 1),  tau_2 = 0 unless asked for
 
+from the pressure at its valve side, or from the command of the valve where that was not recorded:
+the gain is then a pressure per command, and valve and line are one lag with one dead time.
+
 The first order stands for filling the volume at the far end, the dead time for the wave
 that has to travel there, ``L/c`` for a line of length ``L`` and sound speed ``c`` [1]_. A second
 order stands for whatever else lags, a slow sensor or a second volume, and for fluid that swings:
@@ -45,6 +48,10 @@ from ...options import choice, number
 from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
+_EQUATION = (
+    "outlet(s)/{}(s) = gain * exp(-dead_time s) "
+    "/ ((time_constant second_time_constant s^2 +) time_constant s + 1)"
+)
 _SECOND = "second_time_constant"
 _PART = 0.1  # of the first time constant, that a second one is tried with
 _NEAR = 0.1  # sample times from a sample
@@ -64,48 +71,63 @@ class LineOptions(ResponseOptions):
     )
 
 
+def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: Any) -> Variant:
+    """A line behind what drives it; the gain is the one parameter that depends on that."""
+    return Variant(
+        name,
+        (Role("time", "s", "time of each sample"), drive, outlet),
+        (
+            gain,
+            ParameterSpec(
+                "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
+                remedy="Sample faster, or record a step instead of a slow change.",
+            ),
+            ParameterSpec(
+                "dead_time", "s", "time before the outlet begins to move",
+                neutral=0.0, minimum=0.0, curved=True,
+                remedy=f"Record sharp steps of the {drive.name}, sampled several times within "
+                "the time the wave needs to travel.",
+            ),
+            ParameterSpec(
+                _SECOND, "s", "of a second order: about its shorter lag", neutral=0.0,
+                minimum=0.0, optional=True,
+                remedy=f"Record sharp steps of the {drive.name}, sampled several times within it; "
+                "or leave --order out.",
+            ),
+        ),
+        **more,
+    )  # fmt: skip
+
+
 class Line(TransferFamily[LineOptions]):
-    """First-order line with dead time."""
+    """Line of first or second order with dead time."""
 
     name = "line"
     title = "Transmission line: gain, time constant and dead time"
-    equation = (
-        "outlet(s)/inlet(s) = gain * exp(-dead_time s) "
-        "/ ((time_constant second_time_constant s^2 +) time_constant s + 1)"
-    )
+    equation = _EQUATION.format("inlet")
     variants = (
-        Variant(
+        _variant(
             "line",
-            (
-                Role("time", "s", "time of each sample"),
-                Role("inlet", "Pa", "pressure at the valve side", hold="auto",
-                     alternatives=_SENSORS),
-                Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
-                     output=True, alternatives=_SENSORS),
-            ),
-            (
-                ParameterSpec(
-                    "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
-                    remedy="Record at least one step of the inlet between two levels.",
-                ),
-                ParameterSpec(
-                    "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
-                    remedy="Sample faster, or record a step instead of a slow change.",
-                ),
-                ParameterSpec(
-                    "dead_time", "s", "time before the outlet begins to move",
-                    neutral=0.0, minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the inlet, sampled several times within "
-                    "the time the wave needs to travel.",
-                ),
-                ParameterSpec(
-                    _SECOND, "s", "of a second order: about its shorter lag", neutral=0.0,
-                    minimum=0.0, optional=True,
-                    remedy="Record sharp steps of the inlet, sampled several times within it; "
-                    "or leave --order out.",
-                ),
+            Role("inlet", "Pa", "pressure at the valve side", hold="auto", alternatives=_SENSORS),
+            Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
+                 output=True, alternatives=_SENSORS),
+            ParameterSpec(
+                "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
+                remedy="Record at least one step of the inlet between two levels.",
             ),
             alike=("inlet", "outlet"),
+            unlike="If inlet is the command of a valve, name it so: --column command=HEADER.",
+        ),
+        _variant(
+            "command",
+            Role("command", "V", "command of the valve before the line", hold="zoh",
+                 alternatives=("A", "1")),
+            Role("outlet", "Pa", "pressure at the far end", output=True, alternatives=("V", "1")),
+            ParameterSpec(
+                "gain", "Pa/V", "steady outlet pressure per command", ratio=("outlet", "command"),
+                remedy="Record at least one step of the command between two levels.",
+            ),
+            equation=_EQUATION.format("command"),
         ),
     )  # fmt: skip
     options_type = LineOptions
