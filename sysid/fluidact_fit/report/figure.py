@@ -187,14 +187,14 @@ def _run_title(run: Simulation, columns: int, runs: int) -> str:
 
 
 def _label(figure: Figure, rows: npt.NDArray[np.object_], time: str, labels: Sequence[str]) -> None:
-    """Labels at the outer edges only."""
+    """Labels of all axes, shown at the outer edges only."""
     for j, (row, label) in enumerate(zip(rows, labels)):
-        row[0].set_ylabel(label)
-        for axes in row:
+        for k, axes in enumerate(row):
+            axes.set(xlabel=time, ylabel=label)
+            axes.xaxis.label.set_visible(j == len(rows) - 1)
+            axes.yaxis.label.set_visible(k == 0)
             axes.margins(x=0.015)
             axes.locator_params(axis="y", nbins=7 if j == 0 else 4)
-    for axes in rows[-1]:
-        axes.set_xlabel(time)
     figure.align_ylabels(rows[:, 0])
 
 
@@ -226,6 +226,7 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     e = panels.scale_of([rest], view.y_unit)
     rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
     panels.map_panel(upper, view, x, y)
+    upper.set_xlabel(x.label(view.x_name), visible=False)
     panels.map_residual_panel(lower, view, x, e, rmse)
     legend(lower, upper, columns=6)
     figure.align_ylabels([upper, lower])

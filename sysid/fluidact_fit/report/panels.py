@@ -108,7 +108,11 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     axes.vlines(lags, 0.0, rho, color=style.RESIDUAL, linewidth=1.6)
     axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
-    axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
+    axes.set(xlabel="lag [samples]", ylabel="autocorrelation")
+    axes.yaxis.label.set_visible(False)
+    if whiteness:
+        axes.text(1.0, 0.96, whiteness, transform=axes.transAxes, ha="right", va="top",
+                  fontsize=style.SMALL, color=style.FAINT)  # fmt: skip
     style.dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
 
 

@@ -27,6 +27,7 @@ from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import number
+from ...units import as_time
 from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
@@ -150,8 +151,8 @@ class Line(TransferFamily[LineOptions]):
         return derived, [
             Notice(
                 "dead-time-not-travel-time",
-                f"the dead time {dead_time * 1e3:.3g} ms is not the travel time "
-                f"L/c = {expected * 1e3:.3g} ms of {length:g} m at {speed or 343.0:g} m/s"
+                f"the dead time {as_time(dead_time)} is not the travel time "
+                f"L/c = {as_time(expected)} of {length:g} m at {speed or 343.0:g} m/s"
                 f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
                 "slow first part of filling; a shorter one means that the time stamps or the "
                 "inlet signal are late.",
