@@ -183,6 +183,47 @@ def _hidden_ticks(axes: Any) -> set[Any]:
     return hidden
 
 
+def test_a_warning_is_named_under_the_badge() -> None:
+    passed = plot_result(make(verdict="pass"))
+    assert "not identified" not in [t.get_text() for t in passed.texts]
+    result = make(verdict="warn")
+    figure = plot_result(result)
+    badge = next(t for t in figure.texts if t.get_text() == "WARN")
+    named = next(t for t in figure.texts if t.get_text() == "not identified")
+    assert named.get_position()[1] < badge.get_position()[1]
+
+
+def test_panels_have_the_range_of_what_they_show() -> None:
+    result = make(400, 2)
+    first, second = result.fitted
+    raised = replace(second, measured=second.measured + 5e6, simulated=second.simulated + 5e6)
+    figure = plot_result(replace(result, fitted=[first, raised]))
+    upper, other = figure.axes[:2]
+    assert upper.get_ylim()[1] < 10.0 < 40.0 < other.get_ylim()[0]  # bar
+    residuals = figure.axes[2:4]
+    assert residuals[0].get_ylim() == residuals[1].get_ylim()
+    correlations = next(a for a in figure.axes if "autocorrelation" in a.get_title(loc="left"))
+    assert correlations.get_ylim()[1] < 0.3
+
+
+def test_the_worst_sample_is_seen_close_up() -> None:
+    result = make(1000)
+    (run,) = result.fitted
+    measured = run.measured.copy()
+    measured[700] += 9e4
+    figure = plot_result(replace(result, fitted=[replace(run, measured=measured)]))
+    close = next(a for a in figure.axes if "largest residual" in a.get_title(loc="left"))
+    assert "0.9" in close.get_title(loc="left")
+    low, high = close.get_xlim()
+    at = float(run.experiment.time[700])
+    assert low < at < high
+    assert high - low < 0.1 * float(run.experiment.time[-1])
+    edge = next(a for a in figure.axes if "sharpest edge" in a.get_title(loc="left"))
+    low, high = edge.get_xlim()
+    jumps = run.experiment.time[1:][np.diff(run.experiment["inlet"]) != 0.0]
+    assert ((jumps > low) & (jumps < high)).any()
+
+
 def test_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
     for kind in ("png", "svg", "pdf"):
         first = save_figure(plot_result(make()), tmp_path / f"a.{kind}").read_bytes()

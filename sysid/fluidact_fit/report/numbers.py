@@ -124,6 +124,11 @@ def count(number: int) -> str:
     return f"{number:,}".replace(",", "\u2009" if number >= 10_000 else "")
 
 
+def spoken(name: str) -> str:
+    """A name of a program as people say it: ``dead_time`` as ``dead time``."""
+    return name.replace("_", " ")
+
+
 def plain(text: str, longest: int = 60) -> str:
     """Text from outside as a figure can show it: printable, of bounded length."""
     known = ((c.isprintable() and ord(c) < 0x530) or c == "…" for c in text)

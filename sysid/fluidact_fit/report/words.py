@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..outcome import Outcome, Simulation, agreement
+from .details import physics_view
 from .figure import static_view
 from .numbers import choose_scale, count, percent, scaled, short
 from .runs import choose, drive_role
@@ -19,7 +20,11 @@ def describe_fit(result: Outcome) -> str:
     fit, view = result.document.fit, static_view(result)
     used = f"{count(fit.samples)} samples"
     if view is None:
-        parts = [_over_time(result.fitted, result)]
+        law = physics_view(result)
+        more = f"; {law.title}" if law else ""
+        law = physics_view(result)
+        beneath = "Beneath: close-ups of the largest residual and of the sharpest edge"
+        parts = [_over_time(result.fitted, result), beneath + (f"; {law.title}." if law else ".")]
     else:
         x, y = (choose_scale(u, float(np.abs(v[view.used]).max(initial=0.0)))
                 for u, v in ((view.x_unit, view.x), (view.y_unit, view.measured)))  # fmt: skip
