@@ -13,10 +13,11 @@ from ..experiment import FloatArray
 from ..families import get_family
 from ..family import PhysicsView, Simulated
 from ..outcome import Outcome, Simulation
+from ..rows import blocks, is_long
 from . import style
-from .numbers import Scale, choose_scale, plain, short, spoken
+from .numbers import Scale, choose_scale, plain, scaled, spoken
 from .panels import scale_of
-from .runs import drive_role, envelope, instants, subset
+from .runs import drive_role, envelope, instants, subset, worst_residual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +60,9 @@ def detail_row(figure: Figure, result: Outcome, left: float, right: float, top: 
 
 
 def physics_view(result: Outcome) -> PhysicsView | None:
-    """The law inside a dynamic model, as its family shows it."""
+    """The law inside a dynamic model, as its family shows it; ``None`` for long records."""
+    if any(is_long(s.measured.size) for s in result.fitted):
+        return None
     found = [Simulated(s.simulated, offset=s.offset) for s in result.fitted]
     family = get_family(result.family)
     return family.physics_view(result.solution.plant, result.experiments, found)
@@ -67,13 +70,12 @@ def physics_view(result: Outcome) -> PhysicsView | None:
 
 def _closeups(result: Outcome) -> list[_Closeup]:
     """The largest residual of all runs, and the sharpest edge of the run with most of them."""
-    worst = max(result.fitted, key=lambda r: float(np.nanmax(np.abs(r.residual), initial=0.0)))
-    size = np.abs(worst.residual)
-    k = int(np.nanargmax(size)) if np.isfinite(size).any() else 0
-    time, unit = instants(worst), result.experiments[0].signals[result.variant.output.name].unit
-    scale = choose_scale(unit, float(np.nan_to_num(size[k])))
-    amount = f"{short(float(size[k]) * scale.factor, 3)} {scale.unit}".rstrip()
-    out = [_around(worst, float(time[k]), 0.5, f"largest residual: {amount}")]
+    (size, k), worst = max(
+        ((worst_residual(r), r) for r in result.fitted), key=lambda entry: entry[0][0]
+    )
+    unit = result.experiments[0].signals[result.variant.output.name].unit
+    what = f"largest residual: {scaled(size, unit)}"
+    out = [_around(worst, float(instants(worst)[k]), 0.5, what)]
     edges = [(_sharpest(r, drive_role(result.variant)), r) for r in result.fitted]
     (_, at), run = max(edges, key=lambda entry: entry[0][0])
     return [*out, _around(run, at, _BEFORE, "sharpest edge")]
@@ -94,11 +96,12 @@ def _sharpest(run: Simulation, drive: str) -> tuple[float, float]:
     time, values = instants(run), run.simulated
     if signal is not None and signal.values.size == signal.time.size > 1:
         time, values = signal.time, signal.values
-    change = np.nan_to_num(np.abs(np.diff(values)))
-    if not change.size:
-        return 0.0, float(time[0])
-    k = int(np.argmax(change))
-    return float(change[k]), float(time[k + 1])
+    size, where = 0.0, 0
+    for at in blocks(values.size - 1):
+        change = np.nan_to_num(np.abs(np.diff(values[at.start : at.stop + 1])))
+        if change.size and change.max() > size:
+            size, where = float(change.max()), at.start + int(change.argmax()) + 1
+    return size, float(time[where])
 
 
 def _close_up(part: _Closeup, result: Outcome, longest: int, axes: Axes) -> None:
@@ -116,9 +119,10 @@ def _over_time(
     label: str,
 ) -> None:  # fmt: skip
     time = instants(part.run)
-    shown = (time >= part.low) & (time <= part.high)
+    first, last = (int(k) for k in time.searchsorted([part.low, part.high]))
+    shown = slice(first, last + 1)
     t = choose_scale("s", part.high)
-    sparse = np.count_nonzero(shown) <= 120
+    sparse = last - first < 120
     for name, values, colour, width in curves:
         x, v = envelope(time[shown], values[shown], 300)
         dots = sparse and name == "measured"

@@ -10,7 +10,7 @@ from ..outcome import Outcome, Simulation, agreement
 from .details import physics_view
 from .figure import static_view
 from .numbers import choose_scale, count, percent, scaled, short
-from .runs import choose, drive_role
+from .runs import choose, drive_role, worst_residual
 
 _WHITE = 0.01  # p value from which residuals count as white, as on the page
 
@@ -20,8 +20,6 @@ def describe_fit(result: Outcome) -> str:
     fit, view = result.document.fit, static_view(result)
     used = f"{count(fit.samples)} samples"
     if view is None:
-        law = physics_view(result)
-        more = f"; {law.title}" if law else ""
         law = physics_view(result)
         beneath = "Beneath: close-ups of the largest residual and of the sharpest edge"
         parts = [_over_time(result.fitted, result), beneath + (f"; {law.title}." if law else ".")]
@@ -67,7 +65,7 @@ def _over_time(runs: Sequence[Simulation], result: Outcome) -> str:
     if len(shown) <= 3:
         out += "".join(
             f" {r.experiment.name}: fit {percent(r.agreement.fit_percent)}, largest residual "
-            f"{scaled(float(np.nanmax(np.abs(r.residual), initial=0.0)), unit)}." for r in shown
+            f"{scaled(worst_residual(r)[0], unit)}." for r in shown
         )  # fmt: skip
     return out
 
