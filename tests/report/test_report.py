@@ -323,6 +323,7 @@ def test_validation_has_its_own_picture() -> None:
     figure = plot_validation(make(validation=True))
     assert figure is not None
     assert "not fitted" in texts(figure)
+    assert all(axes.get_position().y0 > 0.05 for axes in figure.axes)  # nothing is cut
 
 
 class _Structure(HTMLParser):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..families import get_family
 from ..family import StaticView
-from ..notices import CODES, is_information
+from ..notices import is_note
 from ..outcome import Outcome, Simulation, agreement
 from . import panels
 from .details import detail_row
@@ -33,8 +33,9 @@ def plot_result(result: Outcome) -> Figure:
 
     A dynamic model shows measured against simulated output over time, residuals with a
     band of two root-mean-square errors, the input, and the autocorrelation of the
-    residuals. A static map shows its curve through the samples and the residuals over
-    its input.
+    residuals; beneath, close-ups of the largest residual and of the sharpest edge, other
+    channels, and the law inside where its family shows one. A static map shows its curve
+    through the samples and the residuals over its input.
 
     Parameters
     ----------
@@ -133,8 +134,7 @@ def _title(figure: Figure, result: Outcome) -> None:
 def _name_warnings(figure: Figure, result: Outcome) -> None:
     """The warnings that turned the verdict, by name under the badge."""
     codes = [w.code for w in result.document.warnings]
-    names = [c.replace("-", " ") for c in dict.fromkeys(codes)
-             if not (c in CODES and is_information(c))]  # fmt: skip
+    names = [c.replace("-", " ") for c in dict.fromkeys(codes) if not is_note(c)]
     if not names or result.verdict == "pass":
         return
     lines = [" · ".join(names[:2]), " · ".join(names[2:4])]
@@ -147,7 +147,7 @@ def _name_warnings(figure: Figure, result: Outcome) -> None:
 
 def _height(figure: Figure, share: float) -> float:
     """A height given as a share of a picture without details, as a share of this one."""
-    return float(1.0 - (1.0 - share) * _SIZE[1] / figure.get_figheight())
+    return float(1.0 - (1.0 - share) * min(_SIZE[1] / figure.get_figheight(), 1.0))
 
 
 def _heading(figure: Figure, title: str, line: str) -> None:

@@ -27,6 +27,7 @@ function enlargeable(picture) {
   const enlarge = (to, x = 0.5, y = 0.5) => {
     zoom = Math.min(Math.max(to, 1), 8);
     image.style.width = `${100 * zoom}%`;
+    picture.classList.toggle("enlarged", zoom > 1);
     picture.scrollLeft = x * picture.scrollWidth - picture.clientWidth / 2;
     picture.scrollTop = y * picture.scrollHeight - picture.clientHeight / 2;
   };

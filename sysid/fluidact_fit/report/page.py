@@ -12,7 +12,7 @@ import numpy as np
 from ..comparison import Comparison
 from ..errors import UsageError
 from ..families import get_family
-from ..notices import CODES, is_information
+from ..notices import is_note
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
 from ..parameters.document import Derived
@@ -167,19 +167,19 @@ def _header(document: ParameterDocument) -> str:
 
 
 def _warnings(document: ParameterDocument) -> str:
-    return _listed("Warnings, and what to do", document, is_note=False)
+    return _listed("Warnings, and what to do", document, notes=False)
 
 
 def _notes(document: ParameterDocument) -> str:
-    return _listed("Notes: what was done with the logs", document, is_note=True)
+    return _listed("Notes: what was done with the logs", document, notes=True)
 
 
-def _listed(title: str, document: ParameterDocument, *, is_note: bool) -> str:
+def _listed(title: str, document: ParameterDocument, *, notes: bool) -> str:
     """Notices that change the verdict, or those that leave it as it is."""
     items = "".join(
         f"<li>{code(w.code)}: {escape(w.message)}</li>"
         for w in document.warnings
-        if (w.code in CODES and is_information(w.code)) == is_note
+        if is_note(w.code) == notes
     )
     return f"<h2>{escape(title)}</h2><ul>{items}</ul>" if items else ""
 

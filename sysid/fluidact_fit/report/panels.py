@@ -110,6 +110,7 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     low, high = min(float(rho.min(initial=0.0)), -half), max(float(rho.max(initial=0.0)), half)
     room = 0.35 * (high - low)  # the words above the stems
     axes.set_ylim(low - 0.2 * room, high + room)
+    axes.set_yticks([k for k in axes.get_yticks() if low - 0.2 * room <= k <= min(high + room, 1)])
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
     axes.set(xlabel="lag [samples]", ylabel="autocorrelation")
     axes.yaxis.label.set_visible(False)

@@ -35,7 +35,6 @@ from .equation import MotorModel, play, static_speed
 from .fit import SATURATION, MotorOptions, fit_motor, plan_motor, start_motor
 
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
-
 _SETTLED = 0.005  # of the range of the speed, still to come
 
 
