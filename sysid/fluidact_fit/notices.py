@@ -480,3 +480,8 @@ def is_information(code: str) -> bool:
         When there is no such code.
     """
     return CODES[code].severity == "information"
+
+
+def is_note(code: str) -> bool:
+    """As :func:`is_information`, of a code from a file of any version: unknown ones are none."""
+    return code in CODES and is_information(code)

@@ -36,6 +36,7 @@ from ...family import (
     Information,
     ParameterDocument,
     ParameterSpec,
+    PhysicsView,
     Plant,
     Request,
     Role,
@@ -61,6 +62,7 @@ from .model import (
 )
 from .start import follow
 from .stribeck import fall_of
+from .view import friction_view
 
 
 def _variant(
@@ -161,6 +163,15 @@ class BallScrew(Family[BallScrewOptions]):
         motion, samples = model.motion(0, v)
         speed = motion.velocity[samples]
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
+
+    def physics_view(
+        self,
+        plant: Plant[BallScrewOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView:
+        """Friction over speed, kinetic law and static levels; see :func:`friction_view`."""
+        return friction_view(plant, experiments, simulated)
 
     def model(
         self, plant: Plant[BallScrewOptions], sample_time: float, hold: Hold

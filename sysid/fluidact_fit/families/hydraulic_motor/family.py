@@ -22,6 +22,7 @@ from ...family import (
     NoiseModel,
     ParameterDocument,
     ParameterSpec,
+    PhysicsView,
     Plant,
     Request,
     Role,
@@ -36,7 +37,7 @@ from ...family import (
 from ...specification import quotient_unit
 from .block import MotorBlock, MotorCurve
 from .command import command_noise, held_levels
-from .equation import MotorModel, edges, static_speed
+from .equation import MotorModel, edges, play, static_speed
 from .fit import (
     EDGES,
     OFFSET,
@@ -58,6 +59,7 @@ _SPEED = Role(
     "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
 )
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
+_SETTLED = 0.005  # of the range of the speed, still to come
 
 
 def _edge(name: str, about: str, low: float, high: float, general: str = "") -> ParameterSpec:
@@ -271,6 +273,37 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         output = plant.variant.output.name
         offset = [output_offset(output)] if plant.options.offset == "none" else []
         return [soft_edges(plant, "command", (middle + low, middle + high)), *offset]
+
+    def physics_view(
+        self,
+        plant: Plant[MotorOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView | None:
+        """Settled speed over command, and the loop of play and curve for a slow command.
+
+        Nothing where the speed was not recorded, or was steady anyway.
+        """
+        if plant.variant.output.name != "speed" or plant.variant.name == STATIC:
+            return None
+        v, commands, speeds = plant.numbers, [], []
+        for e, s in zip(experiments, simulated, strict=True):
+            late = e.time - v.get("dead_time", 0.0)
+            command, source = e.sampled("command"), np.searchsorted(e.time, late, "right") - 1
+            commands.append(np.where(source < 0, np.nan, command[np.maximum(source, 0)]))
+            rate = np.abs(np.gradient(s.output, e.time)) * v["time_constant"]
+            settled = rate <= _SETTLED * float(np.ptp(s.output[np.isfinite(s.output)]))
+            speeds.append(np.where(settled, e.sampled("speed") - (s.offset or 0.0), np.nan))
+        x = np.concatenate(commands)
+        up = np.linspace(np.nanmin(x), np.nanmax(x), 400)
+        spool = play(np.concatenate((up[::-1], up, up[::-1])), v.get("hysteresis", 0.0))[0]
+        rising, falling = np.split(static_speed(spool, v), 3)[1:]
+        units = experiments[0].units
+        return PhysicsView(
+            "Steady speed over command", "command", units["command"], "speed", units["speed"],
+            Curve("measured", x, np.concatenate(speeds)),
+            [Curve("command rising", up, rising), Curve("command falling", up[::-1], falling)],
+        )  # fmt: skip
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve, the lag behind it, and that lag for a speed held between samples."""

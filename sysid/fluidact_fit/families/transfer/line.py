@@ -45,6 +45,7 @@ from ...family import (
     Variant,
 )
 from ...options import choice, number
+from ...units import as_time
 from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
@@ -233,8 +234,8 @@ class Line(TransferFamily[LineOptions]):
         return derived, [
             Notice(
                 "dead-time-not-travel-time",
-                f"the dead time {dead_time * 1e3:.3g} ms is not the travel time "
-                f"L/c = {expected * 1e3:.3g} ms of {length:g} m at {speed or 343.0:g} m/s"
+                f"the dead time {as_time(dead_time)} is not the travel time "
+                f"L/c = {as_time(expected)} of {length:g} m at {speed or 343.0:g} m/s"
                 f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
                 "slow first part of filling; a shorter one means that the time stamps or the "
                 "inlet signal are late.",
