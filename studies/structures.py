@@ -44,6 +44,7 @@ HEAD = (
     "Written by `studies/structures.py`: what `compare --structures` recommends for two logs of",
     "machines of known structure, from simulators that share nothing with the estimators.",
     "A simple machine must not get more terms than it has, a machine with a term must get it.",
+    "The second number is how many pairs of logs were tried.",
     "",
     "| family | structure of the machine | recommended | instead |",
     "|---|---|---|---|",
