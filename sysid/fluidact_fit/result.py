@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 from .errors import StrictError, in_python
 from .experiment import FloatArray
 from .family import Quantity
+from .logs import LogLike, open_logs
+from .notices import is_information
 from .outcome import Outcome, Simulation, percent_text
 from .parameters import ParameterDocument, save_document
-from .simulation import LogLike, open_logs, simulate_logs
+from .simulation import simulate_logs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,6 +118,25 @@ class FitResult(Outcome):
                 remedy="Correct the cause, or give --accept-failed to write the file anyway.",
             )
         return self.document.model_copy(update={"accepted_failed": True})
+
+    def raise_for_notices(self) -> None:
+        """Refuse a fit of which anything is to be said, as ``strict`` does.
+
+        Raises
+        ------
+        StrictError
+            When there is a warning or a note.
+        """
+        if not self.notices:
+            return
+        notes = sum(is_information(n.code) for n in self.notices)
+        counts = ((len(self.notices) - notes, "warning"), (notes, "note"))
+        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
+        raise StrictError(
+            f"{count} under --strict, nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in self.notices),
+            remedy="Remove the causes, or run without --strict.",
+        )
 
     def simulate(self, logs: Sequence[LogLike] | LogLike) -> list[Simulation]:
         """Simulate other logs, one entry per run; columns are bound as those of the fit were.
