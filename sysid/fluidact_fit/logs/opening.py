@@ -45,8 +45,8 @@ class Reading(TypedDict, total=False):
     scales: Mapping[str, float] | None
     sample_time: float | None
     window: tuple[float | None, float | None] | None
-    exclude: Sequence[str] | str
-    exclude_rows: Sequence[str] | str
+    exclude: Sequence[str] | str | None
+    exclude_rows: Sequence[str] | str | None
     set: Mapping[str, str] | Sequence[str] | None
     steps: Mapping[str, StepInput] | None
     holds: Mapping[str, str] | None
@@ -57,7 +57,7 @@ class Reading(TypedDict, total=False):
     decimal: str | None
     thousands: str | None
     delimiter: str | None
-    skip_rows: int
+    skip_rows: int | None
     header_row: int | None
 
 
