@@ -136,8 +136,8 @@ class Presented:
         document = self.document
         if document.covariance is None:
             raise UsageError(
-                f"the document of {document.family} holds no covariance to draw from.",
-                expected="Every parameter was given or could not be determined.",
+                f"this {document.family} has no covariance to draw from.",
+                expected="Expected parameters that were estimated with their uncertainty.",
             )
         values = draw_values(document, self.variant, np.random.default_rng(seed), n)
         arrays: dict[str, Any] = {}

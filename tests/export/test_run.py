@@ -127,6 +127,13 @@ def test_existing_files_are_kept_unless_told_otherwise(edited: Edited, tmp_path:
     assert loadmat(folder / "edited.mat")["edited"]["family"].item() == "valve"
 
 
+def test_one_file_is_exported_by_its_name_alone(edited: Edited, tmp_path: Path) -> None:
+    written = ff.export(str(edited("valve", lambda d: None)), to="json", folder=tmp_path / "out")
+    assert written == [tmp_path / "out" / "edited.json"]
+    assert str(written[0]) in written.summary()
+    assert str(written[0]) in written._repr_html_()
+
+
 def test_no_file_of_several_stays_half_made(edited: Edited, tmp_path: Path) -> None:
     """The third file of the second parameter file cannot be written."""
     first = edited("line", lambda d: None, "first.yaml")

@@ -17,6 +17,11 @@ from .source import files_of
 
 LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
 _RUNS = r"\d+(?:\s*,\s*\d+)*"
+_FORMS = {
+    "--exclude": "[LOG:]run=2, [LOG:]time=3:3.5 (seconds) or [LOG:]lines=120:130",
+    "--exclude-rows": "[LOG:]7 or [LOG:]120:130",
+    "--set": "[LOG:]ROLE=VALUE",
+}
 _ROWS = r"\d+(?::\d+)?(?:\s*,\s*\d+(?::\d+)?)*"
 
 
@@ -165,8 +170,8 @@ def _by_log(
         if not name or value is None:
             raise UsageError(
                 f"{option} {text!r} is not understood.",
-                expected=f"Expected {option} [LOG:]NAME=VALUE.",
-                remedy="See --help for examples.",
+                expected=f"Expected {_FORMS[option]}.",
+                remedy="LOG is the name of one log of several, with * for any part of it.",
             )
         if pattern is not None and not any(filter_names(n, pattern) for n in logs):
             raise UsageError(
