@@ -12,7 +12,7 @@ import numpy as np
 from .errors import UsageError, in_python
 from .notices import CODES
 from .parameters import read_document
-from .parameters.document import Derived, LogFit, ParameterDocument
+from .parameters.document import Derived, Fit, LogFit, ParameterDocument
 from .parameters.draws import draw_values, place_of
 from .parameters.validation import Lookup
 from .specification import Variant
@@ -40,7 +40,7 @@ class _Row(NamedTuple):
     @property
     def percent(self) -> float | None:
         """Standard error as a part of the value [%]."""
-        if not self.value or self.std_error is None:
+        if not self.value or not self.std_error:
             return None
         return 100.0 * self.std_error / abs(self.value)
 
@@ -160,7 +160,8 @@ class Presented:
 
     def summary(self) -> str:
         """Return verdict, parameters, validation and warnings as text."""
-        lines = [_headline(self.document)]
+        fit = self.document.fit
+        lines = [f"{self.document.family}: verdict {fit.verdict}, {_agreement(fit)}"]
         lines += [f"  {line}" for line in repr(self.table()).splitlines()]
         lines += _validation(self.document)
         lines += [f"{word} ({code}): {text}" for word, code, text in _notices(self.document)]
@@ -173,13 +174,14 @@ class Presented:
             f'<span style="background:{_COLOURS[verdict]};color:#fff;padding:0.1em 0.5em;'
             f'border-radius:0.3em"><b>{verdict.upper()}</b></span>'
         )
-        parts = [f"<p>{badge} {html.escape(_headline(self.document))}</p>"]
+        said = html.escape(f"{self.document.family}: {_agreement(self.document.fit)}")
+        parts = [f"<p>{badge} {said}</p>"]
         parts.append(self.table()._repr_html_())
         parts += [f"<p>{html.escape(line)}</p>" for line in _validation(self.document)]
-        if said := _notices(self.document):
+        if notices := _notices(self.document):
             entries = (
                 f"<li><b>{word}</b> ({html.escape(code)}): {html.escape(text)}</li>"
-                for word, code, text in said
+                for word, code, text in notices
             )
             parts.append(f"<ul>{''.join(entries)}</ul>")
         return "".join(parts)
@@ -198,26 +200,15 @@ def document_of(given: ParametersLike, lookup: Lookup) -> ParameterDocument:
     return given.document if isinstance(given, Presented) else read_document(given, lookup)
 
 
-def _headline(document: ParameterDocument) -> str:
-    fit = document.fit
-    percent = "" if fit.fit_percent is None else f"fit {percent_text(fit.fit_percent)}, "
-    return (
-        f"{document.family}: verdict {fit.verdict}, {percent}rmse {fit.rmse.value:.4g} "
-        f"{fit.rmse.unit}, {fit.samples} samples"
-    )
-
-
 def _validation(document: ParameterDocument) -> list[str]:
     return [f"validation {entry.file}: {_agreement(entry)}" for entry in document.validation]
 
 
-def _agreement(entry: LogFit) -> str:
+def _agreement(entry: Fit | LogFit) -> str:
     if entry.rmse is None:
         return "no sample that the model describes"
-    return (
-        f"fit {percent_text(entry.fit_percent)}, rmse {entry.rmse.value:.4g} {entry.rmse.unit}, "
-        f"{entry.samples} samples"
-    )
+    percent = "" if entry.fit_percent is None else f"fit {percent_text(entry.fit_percent)}, "
+    return f"{percent}rmse {entry.rmse.value:.4g} {entry.rmse.unit}, {entry.samples} samples"
 
 
 def _notices(document: ParameterDocument) -> list[tuple[str, str, str]]:

@@ -39,12 +39,18 @@ def format_interval(ends: Sequence[float] | None, spread: float | None) -> str:
 
 
 def percent_text(value: float | None, form: str = ".2f") -> str:
-    """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none."""
+    """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none.
+
+    One short of 100 is never rounded to it.
+    """
     if value is None:
         return "-"
     if abs(value) > _MOST_PERCENT:
         return f"{'over ' if value > 0.0 else 'below -'}{_MOST_PERCENT} %"
-    return f"{value:{form}} %"
+    text, digits = f"{value:{form}}", 5
+    while value < 100.0 <= float(text) and digits < 16:
+        text, digits = f"{value:.{digits}g}", digits + 1
+    return f"{text} %"
 
 
 @dataclass(frozen=True, repr=False)
