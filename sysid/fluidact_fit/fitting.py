@@ -190,13 +190,17 @@ def _to_judge(
     """Logs to validate with, and their part: where none are given, another part of those fitted."""
     if validate_window is None or listed_logs(validate):
         return listed_logs(validate), validate_window
-    low, high = _ends(validate_window)
-    if max(low, _ends(window)[0]) < min(high, _ends(window)[1]):
+    (a, b), (c, d) = _ends(window), _ends(validate_window)
+    if max(a, c) < min(b, d):
         raise UsageError(
             "--validate-window holds seconds that are fitted.",
             expected="Expected two parts of the log that do not overlap.",
-            remedy=f"Give --window as well, for example --window :{low:g} --validate-window "
-            f"{low:g}:.",
+            remedy="Give --window as well, so that it leaves out what --validate-window names.",
+        )
+    if isinstance(logs, Iterator):
+        raise UsageError(
+            "--validate-window needs the logs twice, and an iterator gives them once.",
+            remedy="Give the logs as a list.",
         )
     return listed_logs(logs), validate_window
 

@@ -101,7 +101,7 @@ class Presented:
         ]
         return pd.DataFrame(records).set_index("parameter")
 
-    def draws(self, n: int = 1000, *, seed: int = 0) -> Dataset:
+    def draws(self, n: int = 1000, *, chains: int = 1, seed: int = 0) -> Dataset:
         """Draw parameters as they are uncertain, for ArviZ.
 
         They have a normal distribution with the covariance of the file, cut off at the physical
@@ -111,15 +111,17 @@ class Presented:
         Parameters
         ----------
         n
-            How many.
+            How many in each chain.
+        chains
+            How many chains, all alike: ``arviz.summary`` asks for two or more.
         seed
             Seed of the random numbers.
 
         Returns
         -------
         xarray.Dataset
-            One variable per estimated parameter [SI], with dimensions ``chain`` (of one) and
-            ``draw``, and the places of a list; as ArviZ takes it.
+            One variable per estimated parameter [SI], with dimensions ``chain`` and ``draw``, and
+            the places of a list; as ArviZ takes it.
 
         Raises
         ------
@@ -139,14 +141,15 @@ class Presented:
                 f"this {document.family} has no covariance to draw from.",
                 expected="Expected parameters that were estimated with their uncertainty.",
             )
-        values = draw_values(document, self.variant, np.random.default_rng(seed), n)
+        rng = np.random.default_rng(seed)
+        values = draw_values(document, self.variant, rng, chains * n).reshape(chains, n, -1)
         arrays: dict[str, Any] = {}
-        for name, column in zip(document.covariance.order, values.T):
+        for k, name in enumerate(document.covariance.order):
             head, indices = place_of(name)
             if head not in arrays:
                 nominal = np.array(document.parameters[head].value, dtype=float)
-                arrays[head] = np.tile(nominal, (1, n) + (1,) * nominal.ndim)
-            arrays[head][(0, slice(None), *indices)] = column
+                arrays[head] = np.tile(nominal, (chains, n) + (1,) * nominal.ndim)
+            arrays[head][(slice(None), slice(None), *indices)] = values[:, :, k]
         variables = {
             name: (
                 ["chain", "draw", *(f"{name}_dim_{k}" for k in range(array.ndim - 2))],
@@ -155,7 +158,7 @@ class Presented:
             )
             for name, array in arrays.items()
         }
-        coordinates = {"chain": [0], "draw": np.arange(n)}
+        coordinates = {"chain": np.arange(chains), "draw": np.arange(n)}
         return xr.Dataset(variables, coordinates, {"family": document.family, "seed": seed})
 
     def summary(self) -> str:

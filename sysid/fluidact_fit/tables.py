@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-_CELL = "text-align:{};white-space:{};vertical-align:top"
+_CELL = "padding:0.1em 0.6em;text-align:{};white-space:{};vertical-align:top"
 _MOST_PERCENT = 1000
 _NARROW = 40  # characters of a cell that is never broken
 

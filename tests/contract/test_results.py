@@ -144,6 +144,7 @@ def test_draws_scatter_as_the_covariance_says(result: ff.FitResult) -> None:
     drawn = result.draws(400, seed=1)
     assert drawn.equals(result.draws(400, seed=1))
     assert dict(drawn.sizes)["draw"] == 400
+    assert result.draws(5, chains=3).sizes["chain"] == 3
     for name, array in drawn.items():
         q, spec = result.parameters[str(name)], result.variant.parameter(str(name))
         assert array.shape == (1, 400, *np.shape(q.value))
