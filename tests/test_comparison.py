@@ -11,7 +11,13 @@ import pytest
 from scipy.stats import kstest
 
 import fluidact_fit as ff
-from fluidact_fit.comparison import compare_documents, compare_recordings
+from fluidact_fit.comparison import (
+    Comparison,
+    Recordings,
+    compare_documents,
+    compare_recordings,
+)
+from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import UsageError
 
 DATA = Path(__file__).parents[1] / "datasets"
@@ -99,3 +105,27 @@ def test_logs_differ_in_columns_units_ranges_and_sampling(tmp_path: Path) -> Non
                   "a and a are the same to the byte"):  # fmt: skip
         assert any(words in f for f in found), (words, found)
     assert len(found) == 6
+
+
+def test_results_models_and_files_are_compared_alike(tmp_path: Path) -> None:
+    data = load_dataset("line")
+    result = ff.fit("line", data.read(), **data.options)
+    path = result.save(tmp_path / "line.yaml")
+    found = ff.compare(result, ff.load(path), path)
+    assert isinstance(found, Comparison)
+    assert found.files == ("#1", "#2", str(path))
+    assert {d for p in found.parameters for d in p.deviations if d is not None} == {0.0}
+    for text in (found.summary(), found._repr_html_()):
+        assert "time_constant" in text
+        assert "does not differ beyond chance" in text
+    logs = ff.compare(*data.logs)
+    assert isinstance(logs, Recordings)
+    assert logs.conclusions[0] in logs.summary()
+
+
+def test_parameters_are_not_compared_with_logs(tmp_path: Path) -> None:
+    path = Path(__file__).parent / "golden" / ff.__version__ / "line.yaml"
+    with pytest.raises(ff.UsageError, match="cannot be compared with each other"):
+        ff.compare(path, {"time": np.arange(9.0)})
+    with pytest.raises(ff.UsageError, match="units is about logs"):
+        ff.compare(path, path, units={"inlet": "bar"})

@@ -71,6 +71,36 @@ def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert names["model"] is not None
 
 
+def test_the_page_of_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(compile(block, "python.md", "exec"), names)
+    assert names["checked"].fits
+    assert {*names["frame"]} == {
+        *re.findall(r"\w+", page.partition("to_dataframe()  # ")[2].partition("\n")[0])
+    }
+    assert [path.name for path in names["written"]] == ["hydrostatic.json"]
+
+
+def test_keywords_of_the_page_of_python_exist() -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    table = page.partition("| command line |")[2].partition("\n\n")[0]
+    known = {*inspect.signature(ff.fit_hydrostatic).parameters}
+    for row in table.splitlines()[2:]:
+        option, keyword = re.findall(r"`([^`]*)`", row)[0], re.findall(r"`(\w+)=", row)
+        assert option.split()[0] in {o for c in ("fit", "hydrostatic") for o in options_of(c)}
+        assert {*keyword} <= known
+
+
+def options_of(name: str) -> set[str]:
+    command = program.get_command(click.Context(program), name)
+    assert command is not None
+    return {flag for parameter in command.params for flag in parameter.opts}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):

@@ -41,8 +41,9 @@ def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> Non
     [
         ("--exclude lines=7.", "exclude='lines=7'."),
         ("--exclude lines=7 --exclude lines=9:12 and", "exclude=['lines=7', 'lines=9:12'] and"),
-        ("--exclude 'trial1.csv:run=2'.", "exclude='run=2'."),
-        ("--set 'a.csv:position=25 %'.", "constants={'position': '25 %'}."),
+        ("--exclude 'trial1.csv:run=2'.", "exclude='trial1.csv:run=2'."),
+        ("--set 'a.csv:position=25 %'.", "set={'a.csv:position': '25 %'}."),
+        ("--set 'position=25 %'.", "constants={'position': '25 %'}."),
         ("--from-name 'position=kinked{%}'.", "from_name={'position': 'kinked{%}'}."),
         ("--thousands ' '.", "thousands=' '."),
         ("--invalid=drop", "invalid='drop'"),
@@ -63,8 +64,9 @@ def test_a_fit_takes_what_a_message_advises() -> None:
     """`exclude=` was advised by a fit, which did not take it."""
     import inspect
 
-    from fluidact_fit.logs import read_log
-    from fluidact_fit.simulation import READING
+    from fluidact_fit.logs import Reading, read_log
 
-    named = {"path", "columns", "units", "scales", "sample_time", "window", "holds"}
-    assert {*READING} == {*inspect.signature(read_log).parameters} - named
+    of_several = {"exclude_rows", "set"}
+    assert {*Reading.__annotations__} - of_several == {*inspect.signature(read_log).parameters} - {
+        "path"
+    }

@@ -48,7 +48,15 @@ def test_an_offset_that_all_runs_share_is_not_their_own() -> None:
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(99.318, "99.32 %"), (-1000.0, "-1000.00 %"), (-1e30, "below -1000 %"), (1e30, "over 1000 %")],
+    [
+        (99.318, "99.32 %"),
+        (99.998, "99.998 %"),
+        (99.9999996, "99.9999996 %"),
+        (100.0, "100.00 %"),
+        (-1000.0, "-1000.00 %"),
+        (-1e30, "below -1000 %"),
+        (1e30, "over 1000 %"),
+    ],
 )
 def test_a_percentage_of_thirty_digits_is_not_printed(value: float, shown: str) -> None:
     assert percent_text(value) == shown

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from fnmatch import filter as filter_names
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,8 +22,6 @@ from .parse import (
     parse_text,
     parse_turn,
     parse_window,
-    split_rows,
-    split_runs,
 )
 
 if TYPE_CHECKING:
@@ -168,29 +164,24 @@ _WRITING = ("decimal", "thousands", "delimiter", "skip_rows", "header_row")
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     """Read logs with the options of the command line."""
-    from fluidact_fit.logs import StepInput, read_log
+    from fluidact_fit.logs import open_logs
+
+    paths = list(paths)
+    others = dict.fromkeys(p for name in _LOGS for p in _listed(params.get(name)))
+    beside = [path for path in others if path not in paths]
+    return open_logs(paths, beside=beside, **reading(params))
+
+
+def reading(params: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that read logs, as keywords of the library (:class:`.logs.Reading`)."""
+    from fluidact_fit.logs import StepInput
 
     by_role = {keyword: params.get(option) or {} for option, keyword in _ROLE_OPTIONS.items()}
     given: dict[str, Any] = {n: params.get(n) for n in ("sample_time", "window", "invalid")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
-    given |= {"from_name": params["from_name"], **by_role}
-    paths = list(paths)
-    given_logs = [*paths, *(p for name in _LOGS for p in _listed(params.get(name)))]
-    known = [_names(p) for p in dict.fromkeys(given_logs)]
-    exclude = _by_log("--exclude", split_runs(params["exclude"]), known)
-    exclude += _by_log("--exclude-rows", split_rows(params["exclude_rows"]), known)
-    constants = _by_log("--set", params["set"], known)
-    steps = [(_matching("--step", *_split_part(key)[:2], known), key, StepInput(*step))
-             for key, step in params["step"].items()]  # fmt: skip
-    steps.sort(key=lambda given: given[0] != "*")  # what is of some logs goes before
-    logs = []
-    for path in paths:
-        names = _names(path)
-        values = {role: value for p, role, value in constants if filter_names(names, p)}
-        parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
-        own = {_split_part(key)[1]: s for p, key, s in steps if filter_names(names, p)}
-        logs.append(read_log(path, constants=values, exclude=parts, steps=own, **given))
-    return logs
+    given |= {name: params[name] for name in ("exclude", "exclude_rows", "set")}
+    given["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
+    return {**given, "from_name": params["from_name"], **by_role}
 
 
 def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:
@@ -213,61 +204,20 @@ def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:
         raise
 
 
-def _names(path: str) -> list[str]:
-    """What a pattern may mean a log by: its name, and those of the files merged in it."""
-    from fluidact_fit.logs.source import files_of
-
-    files = [file.name for file in files_of(Path(path))]
-    return files if len(files) == 1 else ["+".join(files), *files]
-
-
 def _listed(given: str | Iterable[str] | None) -> list[str]:
     return [given] if isinstance(given, str) else list(given or ())
 
 
-def _by_log(
-    option: str, given: Iterable[str], logs: Sequence[Sequence[str]]
-) -> list[tuple[str, str, str]]:
-    """Read ``[LOG:]NAME=VALUE``: pattern of the logs, name and value; some log has to match."""
-    out = []
-    for text in given:
-        pattern, name, value = _split_part(text)
-        if not name or value is None:
-            raise UsageError(
-                f"{option} {text!r} is not understood.",
-                expected=f"Expected {option} [LOG:]NAME=VALUE.",
-                remedy="See --help for examples.",
-            )
-        out.append((_matching(option, pattern, name, logs), name, value))
-    return out
-
-
-def _matching(option: str, pattern: str | None, name: str, logs: Sequence[Sequence[str]]) -> str:
-    """The pattern of the logs that an option is of, every one without; some log has to match."""
-    if pattern is not None and not any(filter_names(n, pattern) for n in logs):
-        raise UsageError(
-            f"{option} '{pattern}:{name}=...' names a log that is not given.",
-            expected=f"The logs are: {', '.join(names[0] for names in logs)}.",
-            remedy="Give the name of one of them, with * for any part of it.",
-        )
-    return "*" if pattern is None else pattern
-
-
-def _split_part(text: str) -> tuple[str | None, str, str | None]:
-    """Pattern, name and value of ``[LOG:]NAME=VALUE``; ``None`` for what is not there."""
-    before, equals, value = text.partition("=")
-    pattern, colon, name = before.rpartition(":")
-    return pattern if colon else None, name.strip(), value if equals else None
-
-
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
     """Refuse roles that a family does not have, before any log is read."""
+    from fluidact_fit.logs.opening import split_part
+
     known = list(known)
     for option in _ROLE_OPTIONS:
         check_names(f"--{option}", "role", params[option], known)
-    check_names("--step", "role", [_split_part(key)[1] for key in params["step"]], known)
+    check_names("--step", "role", [split_part(key)[1] for key in params["step"]], known)
     check_names("--from-name", "role", params["from_name"], known)
-    check_names("--set", "role", [_split_part(text)[1] for text in params["set"]], known)
+    check_names("--set", "role", [split_part(text)[1] for text in params["set"]], known)
 
 
 def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -219,29 +219,3 @@ def collect(ctx: click.Context, param: click.Parameter, value: Any) -> dict[str,
             )
         found[key] = content
     return found
-
-
-_RUNS = r"\d+(?:\s*,\s*\d+)*"
-_ROWS = r"\d+(?::\d+)?(?:\s*,\s*\d+(?::\d+)?)*"
-
-
-def split_runs(given: Iterable[str]) -> list[str]:
-    """``[LOG:]2,5`` as ``[LOG:]run=2`` and ``[LOG:]run=5``; what has a name stays as it is."""
-    return _numbered(given, _RUNS, "run")
-
-
-def split_rows(given: Iterable[str]) -> list[str]:
-    """``[LOG:]7,120:130`` as ``[LOG:]rows=7`` and ``[LOG:]rows=120:130``."""
-    return _numbered(given, _ROWS, "rows")
-
-
-def _numbered(given: Iterable[str], form: str, kind: str) -> list[str]:
-    out = []
-    for text in given:
-        found = re.fullmatch(rf"(?:({form})|(.+?:)({form}))\s*", text)
-        if found is None or "=" in text:
-            out.append(text)
-            continue
-        parts = (found[1] or found[3]).split(",")
-        out += [f"{found[2] or ''}{kind}={part.strip()}" for part in parts]
-    return out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import sys
@@ -17,6 +16,9 @@ import click
 
 from fluidact_fit.errors import Notice, OutputError, visible
 from fluidact_fit.notices import is_information
+from fluidact_fit.tables import format_interval as format_interval
+from fluidact_fit.tables import format_number as format_number
+from fluidact_fit.tables import format_spread as format_spread
 
 _MOST_ROWS = 24  # of one list parameter
 _MANY_RUNS = 10  # more than fit on a screen beside the table
@@ -68,32 +70,6 @@ def drop(stream: TextIO | None) -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())  # type: ignore[union-attr]
         os.close(nowhere)
-
-
-def format_number(value: float, spread: float | None = None) -> str:
-    """Return a number with as many digits as its standard error (two digits) leaves it."""
-    if value == 0.0:
-        return "0"
-    if spread is None or not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
-        return f"{value:.6g}"
-    size = max(abs(value), spread)
-    decimals = 1 - math.floor(math.log10(spread))
-    if 1e-4 <= size < 1e7:
-        return f"{value:.{min(max(decimals, 0), 15)}f}"
-    digits = math.floor(math.log10(size)) + decimals
-    return f"{value:.{min(max(digits, 0), 15)}e}"
-
-
-def format_spread(spread: float | None) -> str:
-    """Return a standard error with two digits."""
-    return "" if spread is None else format_number(spread, spread)
-
-
-def format_interval(ends: Sequence[float] | None, spread: float | None) -> str:
-    """Return a confidence interval with the digits of the standard error."""
-    if ends is None:
-        return ""
-    return f"[{format_number(ends[0], spread)}, {format_number(ends[1], spread)}]"
 
 
 def echo_table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:

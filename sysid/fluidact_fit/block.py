@@ -16,6 +16,7 @@ import numpy.typing as npt
 from .errors import ExtrapolationWarning, NotIdentifiedError, UsageError
 from .experiment import Experiment, FloatArray
 from .parameters.document import ParameterDocument
+from .presentation import Presented
 from .routines.routine import Argument, Routine
 from .specification import Role, Value, Variant, scalars
 
@@ -46,6 +47,11 @@ class ValidRange(NamedTuple):
             f"{role} = {far:.6g}{unit} is outside of {self.low:.6g} to {self.high:.6g}{unit}, "
             "the range that the data of the model covered: it extrapolates there"
         )
+
+
+def valid_ranges(document: ParameterDocument) -> Mapping[str, ValidRange]:
+    """Role to the range that the data of a document covered."""
+    return {r: ValidRange(v.low, v.high, v.unit) for r, v in document.validity.items()}
 
 
 class Port(NamedTuple):
@@ -98,7 +104,7 @@ def _brief(value: Value) -> str:
     return f"[{len(value)}]" if isinstance(value, list) else f"{value:.6g}"
 
 
-class Block(ABC):
+class Block(Presented, ABC):
     """A loaded model. Static maps are called with arrays; dynamic blocks step once per sample.
 
     Attributes
@@ -130,9 +136,7 @@ class Block(ABC):
         self.variant = variant
         self.parameters = Parameters(document, variant)
         self.not_identified = tuple(n for n in self.parameters if n in self.parameters.refused)
-        self.validity: Mapping[str, ValidRange] = {
-            role: ValidRange(r.low, r.high, r.unit) for role, r in document.validity.items()
-        }
+        self.validity = valid_ranges(document)
         self.offset = float(document.model.get("output_offset", 0.0))
         self._told: set[str] = set()
 

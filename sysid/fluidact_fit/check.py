@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from .errors import LogError, Notice, NotIdentifiedError, UsageError
+from .errors import LogError, MismatchError, Notice, NotIdentifiedError, UsageError, in_python
 from .experiment import Experiment
+from .families import get_family
 from .family import Quantity, Variant
 from .fitting import refit
-from .logs import Log
+from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation
 from .parameters.document import ParameterDocument
+from .presentation import ParametersLike, document_of
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
+from .tables import Table, format_number, format_spread, percent_text
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
@@ -74,6 +78,109 @@ class Check:
     def to_dict(self) -> dict[str, Any]:
         """Return plain mappings, tuples, text and numbers."""
         return asdict(self)
+
+    def table(self) -> Table:
+        """Return the parameters in the file and in the new logs, as a table that shows itself."""
+        head = ("parameter", "file", "now", "std error", "unit", "distance", "change", "")
+        return Table(head, tuple(map(_drift_cells, self.drifts)), right=(1, 2, 6))
+
+    def log_table(self) -> Table:
+        """Return how well the file describes every run, as a table that shows itself."""
+        rows = tuple(
+            (log.file, percent_text(log.fit_percent), f"{log.rmse:.4g}", f"{log.limit:.4g}",
+             log.unit, "" if log.within else "TOO LARGE")
+            for log in self.logs
+        )  # fmt: skip
+        return Table(("log", "fit", "rmse", "limit", "unit", ""), rows, right=(1, 2, 3))
+
+    def summary(self) -> str:
+        """Return verdict, agreement with the logs and drift of the parameters as text."""
+        parts = [self._headline(), repr(self.log_table())]
+        parts += [repr(self.table())] if self.drifts else []
+        parts += ["\n".join(self._said())] if self._said() else []
+        return "\n\n".join(parts)
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        tables = [self.log_table(), *([self.table()] if self.drifts else [])]
+        said = "".join(f"<li>{html.escape(text)}</li>" for text in self._said())
+        return "".join(
+            [f"<p>{html.escape(self._headline())}</p>", *(t._repr_html_() for t in tables),
+             f"<ul>{said}</ul>" if said else ""]
+        )  # fmt: skip
+
+    def _headline(self) -> str:
+        return f"{self.family}: the model {'still fits' if self.fits else 'no longer fits'}"
+
+    def _said(self) -> list[str]:
+        return [*self.reasons, *(f"({n.code}) {in_python(n.message)}" for n in self.notices)]
+
+    def raise_for_mismatch(self, where: str = "") -> None:
+        """Refuse a model that no longer fits, ``where`` being what holds it.
+
+        Raises
+        ------
+        MismatchError
+            When it does not; the reasons are in it.
+        """
+        if not self.fits:
+            raise MismatchError(
+                "the model no longer fits.",
+                where=where,
+                expected="\n".join(self.reasons),
+                remedy="Look at what changed in the machine, then fit again.",
+            )
+
+
+def _drift_cells(d: Drift) -> tuple[str, ...]:
+    return (
+        d.name,
+        format_number(d.before, d.combined_error),
+        format_number(d.now, d.combined_error),
+        f"± {format_spread(d.combined_error)}",
+        d.unit,
+        f"{d.sigmas:.1f} std errors",
+        "" if d.percent is None else percent_text(d.percent, "+.2f"),
+        "MOVED" if d.moved else "",
+    )
+
+
+def check(
+    params: ParametersLike,
+    logs: Sequence[LogLike] | LogLike,
+    *,
+    progress: Callable[[str], None] | None = None,
+    **reading: Unpack[Reading],
+) -> Check:
+    """Check whether parameters still describe the machine that recorded some logs.
+
+    Each log is simulated with the parameters, and the family is fitted again to compare them; see
+    :func:`check_logs` for when they no longer fit. Nothing is raised for that: look at ``fits``,
+    or call ``raise_for_mismatch()``.
+
+    Parameters
+    ----------
+    params
+        A parameter file, or a result or model.
+    logs
+        Paths, DataFrames, mappings of header to array, or logs that have been read. Their columns
+        are those the parameters were fitted with, unless ``reading`` says otherwise.
+    progress
+        Called with progress messages.
+    **reading
+        How logs are read, as for a fit (:class:`.logs.Reading`).
+
+    Raises
+    ------
+    ParameterFileError
+        When the file is not valid.
+    UsageError, LogError
+        When a log does not have what the model needs.
+    NotIdentifiedError
+        When there is nothing to compare.
+    """
+    document = document_of(params, get_family)
+    return check_logs(document, open_logs(logs, **reading), progress=progress)
 
 
 def check_logs(

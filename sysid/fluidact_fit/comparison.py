@@ -13,16 +13,27 @@ References
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot
-from typing import Any
+from os import PathLike
+from pathlib import Path
+from typing import Any, Unpack, cast
 
 import numpy as np
 
 from .errors import UsageError
-from .logs import Log, describe
+from .families import get_family
+from .logs import Log, LogLike, Reading, describe, open_logs
 from .parameters.document import ParameterDocument
+from .presentation import ParametersLike, Presented, document_of
+from .tables import Table, format_number
+
+_PARAMETERS = (".yaml", ".yml")
+# Keywords that the command line has by another name.
+_OPTIONS = {"columns": "column", "units": "unit", "scales": "scale", "steps": "step",
+            "holds": "hold", "constants": "set"}  # fmt: skip
 
 _DIFFERS = 1e-3  # probability of a difference that large by chance
 _UNLIKE = 3.0  # ratio of two ranges that are said to differ
@@ -90,6 +101,103 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text."""
         return asdict(self)
+
+    def table(self) -> Table:
+        """Return every parameter of every file, as a table that shows itself."""
+        head = ["parameter", "unit"]
+        for k, name in enumerate(self.files):
+            head += [Path(name).stem, *(["differs by"] if k else [])]
+        rows = []
+        for p in self.parameters:
+            row = [p.name, p.unit]
+            every = zip(p.values, p.std_errors, p.statuses, p.deviations)
+            for k, (value, error, status, z) in enumerate(every):
+                row.append(_number(value, error, status))
+                row += [("" if z is None else f"{z:+.1f} std errors")] if k else []
+            rows.append(tuple(row))
+        return Table(tuple(head), tuple(rows))
+
+    @property
+    def conclusions(self) -> tuple[str, ...]:
+        """What all parameters of each file say together, for people."""
+        return tuple(t.words for t in self.together)
+
+    def summary(self) -> str:
+        """Return the table, and what all parameters say together, as text."""
+        return "\n".join([repr(self.table()), "", *self.conclusions])
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
+        return self.table()._repr_html_() + said
+
+
+def _number(value: float | None, error: float | None, status: str | None) -> str:
+    if value is None:
+        return "-"
+    if status == "not_identified":
+        return "not identified"
+    text = format_number(value, error)
+    return f"{text} ± {format_number(error, error)}" if error is not None else f"{text} {status}"
+
+
+def compare(
+    *given: ParametersLike | LogLike, **reading: Unpack[Reading]
+) -> Comparison | Recordings:
+    """Compare parameters of one family, or logs, with the first of them.
+
+    Parameters
+    ----------
+    *given
+        Parameter files (``.yaml``), results or models; or logs: other files, DataFrames, mappings
+        of header to array, or logs that have been read.
+    **reading
+        How logs are read, as for a fit (:class:`.logs.Reading`).
+
+    Returns
+    -------
+    Comparison or Recordings
+        Of parameters: every one with its standard error, how many standard errors it differs from
+        that of the first, and whether all together differ by more than chance. Of logs: columns,
+        units, ranges and sampling, and where they differ.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two, for parameters beside logs, of different families, and for ``reading``
+        where there are no logs.
+    ParameterFileError, LogError
+        When a file cannot be read.
+    """
+    kinds = {_holds_parameters(item) for item in given}
+    if len(kinds) > 1:
+        raise UsageError(
+            "parameter files and logs cannot be compared with each other.",
+            remedy="To see whether a file describes a log: fluidact-fit check PARAMS LOG.",
+        )
+    names = [_name(item, k) for k, item in enumerate(given, 1)]
+    if True not in kinds:
+        return compare_recordings(list(zip(names, open_logs(list(given), **reading))))
+    if said := next((name for name, value in reading.items() if value), None):
+        option = f"--{_OPTIONS.get(said, said).replace('_', '-')}"
+        raise UsageError(
+            f"{option} is about logs, and parameter files are compared.", remedy="Leave it out."
+        )
+    documents = [document_of(item, get_family) for item in cast("Sequence[ParametersLike]", given)]
+    return compare_documents(list(zip(names, documents)))
+
+
+def _holds_parameters(item: ParametersLike | LogLike) -> bool:
+    if isinstance(item, str | PathLike):
+        return Path(item).suffix.lower() in _PARAMETERS
+    return isinstance(item, Presented | ParameterDocument)
+
+
+def _name(item: ParametersLike | LogLike, number: int) -> str:
+    """What something is called: a file by its path, what has no name by its number."""
+    if isinstance(item, str | PathLike):
+        return str(item)
+    return str(getattr(item, "name", "") or f"#{number}")
 
 
 def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Comparison:
@@ -219,6 +327,38 @@ class Recordings:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text."""
         return {"logs": list(self.logs), "findings": list(self.findings)}
+
+    def table(self) -> Table:
+        """Return rows, sampling and the range of every column, as a table that shows itself."""
+        rows = [["rows", *(str(log["rows"]) for log in self.logs)]]
+        steps = [(log["time"] or {}).get("sample_time") for log in self.logs]
+        rows.append(["every", *("-" if not s else f"{s:g} s" for s in steps)])
+        tables = [{column_key(c): c for c in log["columns"]} for log in self.logs]
+        for key in dict.fromkeys(k for table in tables for k in table):
+            rows.append([key, *(_range(table.get(key)) for table in tables)])
+        return Table(("", *(log["file"] for log in self.logs)), tuple(map(tuple, rows)))
+
+    def summary(self) -> str:
+        """Return the table, and where the logs differ, as text."""
+        return "\n".join([repr(self.table()), "", *self.conclusions])
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
+        return self.table()._repr_html_() + said
+
+    @property
+    def conclusions(self) -> tuple[str, ...]:
+        """Where the logs differ, for people."""
+        return self.findings or ("nothing differs in columns, units, ranges and sampling",)
+
+
+def _range(column: Mapping[str, Any] | None) -> str:
+    if column is None:
+        return "-"
+    if column["low"] is None:
+        return "no numbers"
+    return f"{column['low']:.5g} … {column['high']:.5g} {column['unit'] or ''}".rstrip()
 
 
 def compare_recordings(logs: Sequence[tuple[str, Log]]) -> Recordings:

@@ -115,7 +115,7 @@ def in_python(text: str) -> str:
         if found["sign"] is not None:
             return f"{word}={found['sign']}"
         if found["role"] is not None:
-            return _entry(name in _MAPPINGS, word, found["role"], found["given"])
+            return _of_log(found["log"], name, word, found["role"], found["given"])
         if found["quoted"] is not None:
             return f"{word}={{{found['quoted']!r}: {found['text']!r}}}"
         if found["key"] is None:
@@ -131,6 +131,13 @@ def _entry(mapping: bool, word: str, key: str, value: str) -> str:
     if mapping:
         return f"{word}={{{key!r}: {_value(word, value)}}}"
     return f"{word}={key + '=' + value!r}"
+
+
+def _of_log(log: str | None, name: str, word: str, key: str, value: str) -> str:
+    """The same, of one log where it is named; ``read_log`` knows only its own ``constants``."""
+    if log:
+        word, key = ("set" if name == "set" else word), f"{log}:{key}"
+    return _entry(name in _MAPPINGS, word, key, value)
 
 
 def _listed(found: re.Match[str]) -> str:

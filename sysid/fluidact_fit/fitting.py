@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from math import ceil
+from math import ceil, inf
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -22,7 +22,10 @@ from .families import get_family
 from .family import Family, FamilyOptions, ParameterDocument, Quantity, Request, Solution, Variant
 from .logs import (
     Log,
+    LogLike,
+    Reading,
     choose_variant,
+    open_logs,
     provenance,
     require_agreement,
     require_other_data,
@@ -31,15 +34,16 @@ from .logs import (
 )
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
+from .logs.opening import listed_logs
 from .logs.source import files_of
 from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
-from .simulation import READING, LogLike, open_logs
 
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
 
+Window = tuple[float | None, float | None] | None
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -67,8 +71,10 @@ def fit(
     start: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     noise: Mapping[str, float] | None = None,
-    validate: Sequence[LogLike] = (),
+    validate: Sequence[LogLike] | LogLike = (),
+    validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None,
+    strict: bool = False,
     seed: int = 0,
     command: str | None = None,
     progress: Callable[[str], None] | None = None,
@@ -101,8 +107,13 @@ def fit(
         What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
+    validate_window
+        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
+        ``window`` then has to leave it out.
     controller_sample_time
         Sample time of the discrete model in the file [s]; default: that of the log.
+    strict
+        Refuse a result with any warning or note.
     seed
         Seed of the random numbers.
     command
@@ -110,8 +121,8 @@ def fit(
     progress
         Called with progress messages.
     **options
-        The family's own options, with underscores for hyphens; and whatever else :func:`read_log`
-        takes (``exclude``, ``invalid``, ``constants``, ...).
+        The family's own options, with underscores for hyphens, and how logs are read
+        (:class:`.logs.Reading`: ``exclude``, ``set``, ``invalid``, ...).
 
     Returns
     -------
@@ -121,9 +132,11 @@ def fit(
     ------
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
+    StrictError
+        When there is a warning under ``strict``.
     """
     chosen = get_family(family)
-    how = {name: options.pop(name) for name in READING if name in options}
+    how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     request = Request(
         options=chosen.options_type.read(options),
         fixed=_numbers("--fix", fixed),
@@ -136,9 +149,10 @@ def fit(
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
     how |= {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
+    judged, part = _to_judge(logs, validate, window, validate_window)
     given = _open(  # the logs themselves are not kept
-        chosen, request, open_logs(logs, once=True, **how, window=window),
-        open_logs(validate, once=True, **how), hold or {},
+        chosen, request, open_logs(logs, once=True, beside=judged, **how, window=window),
+        open_logs(judged, once=True, beside=listed_logs(logs), **how, window=part), hold or {},
     )  # fmt: skip
     experiments, notices = given.experiments, list(given.notices)
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
@@ -162,10 +176,39 @@ def fit(
             found, validation, notices, controller_sample_time, command
         )
         view = chosen.static_view(found.plant, found.experiments, found.simulated)
-        return FitResult(
+        result = FitResult(
             family, variant, found.solution, found.fitted, validation, document, said, view,
             given.inputs,
         )  # fmt: skip
+    if strict:
+        result.raise_for_notices()
+    return result
+
+
+def _to_judge(
+    logs: Any, validate: Any, window: Window, validate_window: Window
+) -> tuple[list[LogLike], Window]:
+    """Logs to validate with, and their part: where none are given, another part of those fitted."""
+    if validate_window is None or listed_logs(validate):
+        return listed_logs(validate), validate_window
+    (a, b), (c, d) = _ends(window), _ends(validate_window)
+    if max(a, c) < min(b, d):
+        raise UsageError(
+            "--validate-window holds seconds that are fitted.",
+            expected="Expected two parts of the log that do not overlap.",
+            remedy="Give --window as well, so that it leaves out what --validate-window names.",
+        )
+    if isinstance(logs, Iterator):
+        raise UsageError(
+            "--validate-window needs the logs twice, and an iterator gives them once.",
+            remedy="Give the logs as a list.",
+        )
+    return listed_logs(logs), validate_window
+
+
+def _ends(window: Window) -> tuple[float, float]:
+    low, high = window or (None, None)
+    return -inf if low is None else low, inf if high is None else high
 
 
 @dataclass(frozen=True)

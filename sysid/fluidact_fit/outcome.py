@@ -13,9 +13,9 @@ from .estimation.blocks import joined
 from .experiment import Experiment, FloatArray, all_of, where_finite
 from .family import FamilyOptions, Quantity, Simulated, Solution, StaticView, Variant
 from .parameters.document import ParameterDocument
+from .presentation import Presented
 from .rows import blocks, by_rows
-
-_MOST_PERCENT = 1000
+from .tables import percent_text as percent_text
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,6 @@ class Agreement:
     fit_percent: float
     samples: int
     sum_of_squares: float
-
-
-def percent_text(value: float | None, form: str = ".2f") -> str:
-    """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none."""
-    if value is None:
-        return "-"
-    if abs(value) > _MOST_PERCENT:
-        return f"{'over ' if value > 0.0 else 'below -'}{_MOST_PERCENT} %"
-    return f"{value:{form}} %"
 
 
 def common_level(runs: Sequence[Simulation]) -> float | None:
@@ -169,7 +160,7 @@ def pair(
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Presented):
     """A finished fit, as pictures and pages need it.
 
     Attributes
@@ -216,6 +207,11 @@ class Outcome:
     def verdict(self) -> str:
         """``pass``, ``warn`` or ``fail``."""
         return str(self.document.fit.verdict)
+
+    @property
+    def not_identified(self) -> tuple[str, ...]:
+        """Names of the parameters that the data could not determine."""
+        return tuple(n for n, q in self.parameters.items() if q.status == "not_identified")
 
     @property
     def experiments(self) -> list[Experiment]:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
-from .errors import StrictError, in_python
+import numpy as np
+import numpy.typing as npt
+
+from .block import Block, ValidRange, valid_ranges
+from .control import make_block
+from .errors import StrictError, UsageError
 from .experiment import FloatArray
-from .family import Quantity
-from .outcome import Outcome, Simulation, percent_text
+from .logs import LogLike, Reading, open_logs
+from .notices import is_information
+from .outcome import Outcome, Simulation
 from .parameters import ParameterDocument, save_document
-from .simulation import LogLike, open_logs, simulate_logs
+from .simulation import simulate_logs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,8 +30,9 @@ if TYPE_CHECKING:
 class FitResult(Outcome):
     """A finished fit; see :class:`.outcome.Outcome` for what it holds.
 
-    ``summary()`` tells it in words, ``plot()`` shows it, ``save()`` writes it, ``simulate()``
-    runs it on another log.
+    ``summary()`` tells it in words, ``table()`` and ``to_dataframe()`` list the parameters,
+    ``plot()`` shows it, ``save()`` writes it, ``simulate()`` runs it on another log, ``draws()``
+    varies it as it is uncertain, and ``model`` is what a controller runs.
     """
 
     def __repr__(self) -> str:
@@ -44,35 +52,6 @@ class FitResult(Outcome):
     def covariance_order(self) -> tuple[str, ...]:
         """Names of the rows of :attr:`covariance`."""
         return self.solution.names
-
-    def summary(self) -> str:
-        """Verdict, parameters with intervals, and warnings, as text."""
-        fit = self.document.fit
-        lines = [
-            f"{self.family}: verdict {fit.verdict}, rmse {fit.rmse.value:.4g} {fit.rmse.unit}"
-            + ("" if fit.fit_percent is None else f", fit {percent_text(fit.fit_percent)}")
-        ]
-        rows = [_row(name, q) for name, q in self.parameters.items()]
-        wide = [max(map(len, column)) for column in zip(*rows)]
-        lines += [
-            f"  {r[0]:{wide[0]}}  {r[1]:>{wide[1]}}  {r[2]:{wide[2]}}  {r[3]:{wide[3]}}  {r[4]}"
-            for r in rows
-        ]
-        lines += [f"[{n.code}] {in_python(n.message)}" for n in self.notices]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        """Table of the parameters, for notebooks."""
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _row(name, q)) + "</tr>"
-            for name, q in self.parameters.items()
-        )
-        said = "".join(f"<li>{html.escape(in_python(n.message))}</li>" for n in self.notices)
-        titles = ("parameter", "value", "std error", "unit", "95 % interval")
-        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
-        return f"<p>{html.escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>" + (
-            f"<ul>{said}</ul>" if said else ""
-        )
 
     def save(
         self, path: str | Path, *, overwrite: bool = False, accept_failed: bool = False
@@ -117,15 +96,85 @@ class FitResult(Outcome):
             )
         return self.document.model_copy(update={"accepted_failed": True})
 
-    def simulate(self, logs: Sequence[LogLike] | LogLike) -> list[Simulation]:
-        """Simulate other logs, one entry per run; columns are bound as those of the fit were.
+    def raise_for_notices(self) -> None:
+        """Refuse a fit of which anything is to be said, as ``strict`` does.
+
+        Raises
+        ------
+        StrictError
+            When there is a warning or a note.
+        """
+        if not self.notices:
+            return
+        notes = sum(is_information(n.code) for n in self.notices)
+        counts = ((len(self.notices) - notes, "warning"), (notes, "note"))
+        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
+        raise StrictError(
+            f"{count} under --strict, nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in self.notices),
+            remedy="Remove the causes, or run without --strict.",
+        )
+
+    @cached_property
+    def model(self) -> Block:
+        """What a controller runs, as :func:`.load` gives it from the file that is saved.
+
+        Raises
+        ------
+        StrictError
+            When the verdict is FAIL.
+        """
+        block = make_block(self.document)
+        block.watching = True
+        return block
+
+    @property
+    def validity(self) -> Mapping[str, ValidRange]:
+        """Role to the range that the data covered; outside it the model extrapolates."""
+        return valid_ranges(self.document)
+
+    @overload
+    def simulate(
+        self, logs: FloatArray | Sequence[float], time: npt.ArrayLike | None = None, **how: Any
+    ) -> FloatArray: ...
+    @overload
+    def simulate(
+        self, logs: Sequence[LogLike] | LogLike, **reading: Unpack[Reading]
+    ) -> list[Simulation]: ...
+    def simulate(self, logs: Any, time: Any = None, **how: Any) -> FloatArray | list[Simulation]:
+        """Simulate logs, or samples of the input.
+
+        Parameters
+        ----------
+        logs
+            Logs as :func:`.fit` takes them, columns bound as those of the fit were unless ``how``
+            says otherwise; or samples of the input, shape ``(n,)`` [SI].
+        time
+            Instants of the samples, shape ``(n,)`` [s], as ``model.simulate`` takes them.
+        **how
+            How the logs are read (:class:`.logs.Reading`), or whatever else ``model.simulate``
+            takes.
+
+        Returns
+        -------
+        list of Simulation, or (n,)
+            One entry per run of the logs; of samples, what ``model.simulate`` gives.
 
         Raises
         ------
         LogError, UsageError
-            When a log does not have what the model needs.
+            When a log does not have what the model needs, or the model takes no samples.
         """
-        return simulate_logs(self.document, open_logs(logs))
+        if time is None and not _are_samples(logs):
+            return simulate_logs(self.document, open_logs(logs, **how))
+        simulate = getattr(self.model, "simulate", None)
+        if simulate is None:
+            raise UsageError(
+                f"a model of {self.family} does not simulate samples of one input.",
+                expected="Expected logs: paths, DataFrames or mappings of header to array.",
+                remedy="Use the model itself: result.model is what ff.load returns.",
+            )
+        return np.asarray(simulate(logs, time, **how))
 
     def plot(self) -> Figure:
         """Return a figure: measured against simulated, residuals, and the curve of a map."""
@@ -133,13 +182,22 @@ class FitResult(Outcome):
 
         return plot_result(self)
 
+    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the page of the fit: values, pictures, warnings, provenance; return its path.
 
-def _row(name: str, q: Quantity) -> tuple[str, str, str, str, str]:
-    """Name, value, standard error, unit and interval of a parameter as text."""
-    status = q.status.replace("_", " ")
-    if isinstance(q.value, list):
-        return name, f"[{len(q.value)} entries]", "", q.unit, status
-    error = f"± {q.std_error:.2g}" if isinstance(q.std_error, float) and q.std_error else ""
-    if isinstance(q.ci95, list | tuple) and q.status == "estimated":
-        return name, f"{q.value:.6g}", error, q.unit, f"{q.ci95[0]:.6g} .. {q.ci95[1]:.6g}"
-    return name, f"{q.value:.6g}", error, q.unit, status
+        Raises
+        ------
+        OutputError
+            When the file exists and ``overwrite`` is false, or cannot be written.
+        """
+        from .report import write_html
+
+        return write_html(self, path, overwrite=overwrite)
+
+
+def _are_samples(given: Any) -> bool:
+    """Whether something is samples of one signal, and no log."""
+    if isinstance(given, list | tuple):
+        return bool(given) and all(isinstance(value, Real) for value in given)
+    named = getattr(getattr(given, "dtype", None), "names", None)
+    return getattr(given, "ndim", None) == 1 and not named

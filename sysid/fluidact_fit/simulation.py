@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
-from typing import Any
 from warnings import warn
 
 import numpy as np
@@ -16,7 +14,7 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
-from .logs import Log, StepInput, read_log, require_agreement
+from .logs import Log, StepInput, require_agreement
 from .logs import experiments as experiments_of
 from .logs.columns import in_unit
 from .logs.experiments import step_signal
@@ -25,41 +23,7 @@ from .parameters.document import ParameterDocument
 from .recall import recall_logs
 from .units import pressure_reference
 
-LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
-# What a fit hands to `read_log` beside the columns, their units and the window.
-READING = (
-    "steps", "unwrap", "constants", "from_name", "exclude", "invalid", "decimal", "thousands",
-    "delimiter", "skip_rows", "header_row",
-)  # fmt: skip
 _MOST_SAMPLES = 5_000_000
-
-
-def open_logs(
-    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, once: bool = False, **how: Any
-) -> list[Log]:
-    """Read the logs that are given as paths or as data; one need not stand in a list.
-
-    ``how`` is handed to :func:`read_log`; ``None`` says nothing. What is read here is disposable
-    where it is used ``once``. ``UsageError`` where ``how`` says something of a log that was read
-    already.
-    """
-    given = logs if isinstance(logs, list | tuple | Iterator) else [logs]
-    said = {name: value for name, value in how.items() if value is not None}
-    return [
-        _read_already(log, said)
-        if isinstance(log, Log)
-        else replace(read_log(log, **said), disposable=once)
-        for log in given
-    ]
-
-
-def _read_already(log: Log, said: Mapping[str, Any]) -> Log:
-    if said:
-        raise UsageError(
-            f"{next(iter(said))} is given for '{log.name}', which has been read already",
-            remedy="Give it to read_log, or give the path or the data.",
-        )
-    return log
 
 
 def variant_of(document: ParameterDocument) -> Variant:

@@ -37,10 +37,9 @@ from .experiment import FloatArray, where_finite
 from .families import family_names, get_family
 from .family import Family, FamilyOptions, Structure
 from .fitting import fit
-from .logs import Log
+from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation, agreement
 from .result import FitResult
-from .simulation import READING, LogLike, open_logs
 
 EVIDENCE = 6.0  # difference of the BIC that an additional parameter has to be worth
 _NO_WORSE = 1.01  # ratio of the errors on held-out logs, up to which they are alike
@@ -184,7 +183,7 @@ def compare_structures(
     """
     chosen, held = get_family(family), dict(fixed or {})
     structures = _structures(chosen, options, held)
-    how = {name: options.pop(name) for name in _READING if name in options}
+    how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     trial = _Trial(family, open_logs(logs, **how), held, options, progress or (lambda words: None))
     numbers = [f"{k} of {len(structures)}" for k in range(1, len(structures) + 1)]
     whole = [trial.fit_all(s, number) for s, number in zip(structures, numbers, strict=True)]
@@ -210,7 +209,6 @@ def compare_structures(
 
 _Fold = tuple[Sequence[Log], Sequence[Log]]  # logs to fit, and those held out
 _Refusal = NotIdentifiedError | LogError | UsageError
-_READING = (*READING, "columns", "units", "scales", "sample_time", "window")
 
 
 def _structures(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+import json
+import re
 from math import floor, log10
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,8 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.options import describe
+from fluidact_fit.tables import format_spread
 
 SAME = 0.1  # standard errors
 
@@ -46,10 +51,14 @@ def test_a_summary_names_every_parameter(result: ff.FitResult) -> None:
         if quantity.status != "estimated":
             assert quantity.status.replace("_", " ") in text
         elif isinstance(quantity.std_error, float):
-            assert f"± {quantity.std_error:.2g}" in text
-            assert f"± {quantity.std_error:.2g}" in page
+            assert f"± {format_spread(quantity.std_error)}" in text
+            assert f"± {format_spread(quantity.std_error)}" in page
     assert result.verdict in text.lower()
+    assert result.verdict.upper() in page
     assert "<table" in page
+    for notice in result.notices:
+        assert f"({notice.code})" in text
+        assert f"({notice.code})" in page
 
 
 def test_a_result_simulates_a_log(
@@ -97,3 +106,99 @@ def test_values_have_four_digits_beyond_their_errors(result: ff.FitResult) -> No
         for value, error in ((v, e) for v, e in pairs if e > 0.0):
             places = max(4 - floor(log10(error)), 3 - floor(log10(abs(value) or 1.0)))
             assert value == round(float(value), places), name
+
+
+def test_a_result_and_a_loaded_model_say_the_same(result: ff.FitResult, tmp_path: Path) -> None:
+    path = result.save(tmp_path / "result.yaml", accept_failed=True)
+    model = ff.load(path, accept_failed=True)
+    assert model.summary() == result.summary()
+    assert model._repr_html_() == result._repr_html_()
+    assert model.to_dataframe().equals(result.to_dataframe())
+    for name in ("verdict", "family", "not_identified", "validity"):
+        assert getattr(model, name) == getattr(result, name), name
+
+
+def test_a_table_has_every_number_with_its_uncertainty(result: ff.FitResult) -> None:
+    table = result.to_dataframe()
+    for name, q in result.parameters.items():
+        rows = table[[label.partition("[")[0] == name for label in table.index]]
+        assert len(rows) == np.size(q.value), name
+        np.testing.assert_array_equal(rows["value"], np.ravel(q.value))
+        assert {*rows["status"]} == {q.status}
+        assert {*rows["unit"]} == {q.unit}
+        if q.std_error is not None:
+            np.testing.assert_array_equal(rows["std_error"], np.ravel(q.std_error))
+        if q.status == "not_identified":
+            assert rows["reason"].str.startswith(name).all()
+    derived = result.to_dataframe(derived=True)
+    assert {*derived.index} - {*table.index} >= {
+        n for n, q in result.derived.items() if not isinstance(q.value, list)
+    }
+
+
+def test_draws_scatter_as_the_covariance_says(result: ff.FitResult) -> None:
+    if result.document.covariance is None:
+        with pytest.raises(ff.UsageError, match="no covariance"):
+            result.draws()
+        return
+    drawn = result.draws(400, seed=1)
+    assert drawn.equals(result.draws(400, seed=1))
+    assert dict(drawn.sizes)["draw"] == 400
+    assert result.draws(5, chains=3).sizes["chain"] == 3
+    for name, array in drawn.items():
+        q, spec = result.parameters[str(name)], result.variant.parameter(str(name))
+        assert array.shape == (1, 400, *np.shape(q.value))
+        assert array.attrs["units"] == q.unit
+        assert float(array.min()) >= min(spec.minimum, np.min(q.value))
+        assert float(array.max()) <= max(spec.maximum, np.max(q.value))
+        errors = np.asarray(q.std_error, dtype=float)
+        # 400 draws tell a standard deviation to 3.5 %; one that is cut off is smaller
+        assert (np.std(array.values[0], axis=0) <= 1.2 * errors + 1e-300).all(), name
+
+
+def test_samples_of_the_input_are_simulated_as_the_model_does(result: ff.FitResult) -> None:
+    role = result.variant.driving[0].name if result.variant.driving else ""
+    run = result.experiments[0]
+    if not hasattr(result.model, "simulate"):
+        with pytest.raises(ff.UsageError, match="does not simulate samples"):
+            result.simulate(np.zeros(3))
+        return
+    u, t = run.sampled(role), run.time
+    due = result.model.simulate(u, t, hold="foh")
+    np.testing.assert_array_equal(result.simulate(u, t, hold="foh"), due)
+    np.testing.assert_array_equal(
+        result.simulate(u[:20].tolist()), result.model.simulate(u[:20].tolist())
+    )
+
+
+def test_python_checks_as_the_command_line_does(
+    trial: Any, here: Any, result: ff.FitResult
+) -> None:
+    found = ff.check(trial.path, list(trial.logs))
+    due = json.loads(here("check", trial.path, *trial.logs, "--json").out)
+    assert json.loads(json.dumps(found.to_dict())) == due
+    found.raise_for_mismatch()
+    for text in (found.summary(), found._repr_html_()):
+        assert "still fits" in text
+        assert all(log.file in text for log in found.logs)
+        assert all(drift.name in text for drift in found.drifts)
+    columns = trial.columns if "time" in trial.columns else {}
+    assert ff.check(result, trial.logs[0], columns=columns).family == trial.family
+
+
+def test_every_family_has_a_function_with_its_options(trial: Any) -> None:
+    function = getattr(ff, "fit_" + trial.family.replace("-", "_"))
+    assert function.__name__ in dir(ff)
+    options = ff.get_family(trial.family).options_type
+    declared = {o.name.replace("-", "_"): o.default for o in describe(options)}
+    parameters = inspect.signature(function).parameters
+    assert {n: parameters[n].default for n in declared} == declared
+    for name in [n for n in parameters if n != "set"]:
+        assert re.search(rf"^    (\w+, )*{name}(, \w+)*$", function.__doc__, re.MULTILINE), name
+    for role in trial.variant.roles:
+        assert f"``{role.name}`` [" in function.__doc__
+    with pytest.raises(TypeError, match="no_such_option"):
+        function(list(trial.logs), no_such_option=1)
+    found = function(list(trial.logs), columns=trial.columns, **trial.options)
+    due = trial.raw["parameters"]
+    assert {n: q.value for n, q in found.parameters.items()} == {n: due[n]["value"] for n in due}

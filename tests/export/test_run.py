@@ -123,8 +123,15 @@ def test_existing_files_are_kept_unless_told_otherwise(edited: Edited, tmp_path:
         export([path], "matlab", folder)
     assert [p.name for p in folder.iterdir()] == ["edited.mat"]
     assert (folder / "edited.mat").read_text() == "mine"
-    export([path], "matlab", folder, force=True)
+    export([path], "matlab", folder, overwrite=True)
     assert loadmat(folder / "edited.mat")["edited"]["family"].item() == "valve"
+
+
+def test_one_file_is_exported_by_its_name_alone(edited: Edited, tmp_path: Path) -> None:
+    written = ff.export(str(edited("valve", lambda d: None)), to="json", folder=tmp_path / "out")
+    assert written == [tmp_path / "out" / "edited.json"]
+    assert str(written[0]) in written.summary()
+    assert str(written[0]) in written._repr_html_()
 
 
 def test_no_file_of_several_stays_half_made(edited: Edited, tmp_path: Path) -> None:
@@ -134,7 +141,7 @@ def test_no_file_of_several_stays_half_made(edited: Edited, tmp_path: Path) -> N
     (folder / "second.metadata.yaml").mkdir(parents=True)
     (folder / "second.ros2.yaml").write_text("old")
     with pytest.raises(OutputError, match="directory"):
-        export([first, second], "ros2", folder, force=True)
+        export([first, second], "ros2", folder, overwrite=True)
     left = {p.name for p in folder.iterdir()}
     assert {name for name in left if name.startswith("second")} == {
         "second.metadata.yaml", "second.ros2.yaml",
@@ -149,7 +156,7 @@ def test_a_file_that_is_read_is_not_overwritten(edited: Edited, tmp_path: Path) 
     link = tmp_path / "valve.json"
     link.symlink_to(path)
     with pytest.raises(UsageError, match="would be overwritten"):
-        export([path], "json", tmp_path, force=True)
+        export([path], "json", tmp_path, overwrite=True)
     assert ff.read_document(path).family == "valve"
 
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import MismatchError
-
 from .. import options
 from ..progress import Progress
 from ..show import echo, echo_json, echo_notices, echo_table, format_number, format_spread
@@ -39,27 +37,21 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
       - the rmse of a log is above twice the file's rmse plus one resolution step of the output, or
       - a parameter moved by more than 4 combined standard errors and by more than 2 %.
     """
-    from fluidact_fit.check import check_logs
+    from fluidact_fit.check import check
     from fluidact_fit.simulation import variant_of
 
     document = options.read_params(params_file, logs)
     options.check_role_names(params, [role.name for role in variant_of(document).roles])
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
-        found = check_logs(document, options.read_logs(logs, params), progress=progress)
+        found = check(document, list(logs), progress=progress, **options.reading(params))
     if not params["quiet"]:
         echo_notices(found.notices)
     if as_json:
         echo_json(found.to_dict())
     elif not params["quiet"]:
         _show(found)
-    if not found.fits:
-        raise MismatchError(
-            "the model no longer fits.",
-            where=params_file,
-            expected="\n".join(found.reasons),
-            remedy="Look at what changed in the machine, then fit again.",
-        )
+    found.raise_for_mismatch(params_file)
 
 
 def _show(found: Check) -> None:

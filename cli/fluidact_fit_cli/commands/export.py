@@ -71,7 +71,7 @@ def command(
     try:
         written: Sequence[Path] = export(
             params_files, to, folder,
-            force=params["force"], arithmetic=params["arithmetic"],
+            overwrite=params["force"], arithmetic=params["arithmetic"],
             accept_failed=params["accept_failed"],
             accept_not_identified=True if "all" in accepted else accepted,
             controller=controller,

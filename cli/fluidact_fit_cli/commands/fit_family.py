@@ -6,15 +6,13 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import LogError, NotIdentifiedError, StrictError, UsageError
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.families import get_family
-from fluidact_fit.notices import is_information
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
@@ -29,7 +27,7 @@ from ..options import (
     check_role_names,
     flag,
     parsed,
-    read_logs,
+    reading,
 )
 from ..outputs import check_targets, write_all
 from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
@@ -39,11 +37,7 @@ from ..show import echo, echo_json, echo_notices, echo_parameters, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
-    from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
-
-
-Window = tuple[float | None, float | None]
 
 _JUDGED = "Validation and verdict"
 _JUDGING: list[click.Parameter] = [
@@ -136,7 +130,9 @@ def run_fit(
     params = {**params, **in_si(family, params)}
     _check_files(params, targets)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
-        result = _judge(_fit(family, params, invocation, progress), params)
+        result = _fit(family, params, invocation, progress)
+        document = result.document_to_write(params["accept_failed"])
+        result = replace(result, document=document)
         progress("writing")
         write_all(_render(result, targets), params["force"])
     if params["as_json"]:
@@ -251,17 +247,19 @@ def _fit(
 
     try:
         progress("reading")
-        judged = _read_judged(params)
+        part = params["validate_window"] or (params["window"] if params["validate"] else None)
         return fit(
             family.name,
-            # so that raw columns are not kept
-            iter([replace(log, disposable=True) for log in read_logs(params["logs"], params)]),
+            list(params["logs"]),
+            **reading(params),
             fixed=params["fix"],
             start=params["start"],
             bounds=params["bounds"],
             noise=params["noise"],
-            validate=judged,
+            validate=list(params["validate"]),
+            validate_window=part,
             controller_sample_time=params["controller_sample_time"],
+            strict=params["strict"],
             seed=params["seed"],
             command=recorded_command(invocation.args, params),
             progress=progress,
@@ -274,48 +272,6 @@ def _fit(
         raise type(error)(
             error.what, where=names, expected=error.expected, remedy=error.remedy
         ) from error
-
-
-def _read_judged(params: Mapping[str, Any]) -> list[Log]:
-    """Logs to validate with: those that are named, or another part of those that are fitted."""
-    part = params["validate_window"]
-    if part is None:
-        return read_logs(params["validate"], params)
-    if not params["validate"]:
-        _check_apart(params["window"], part)
-    paths = params["validate"] or params["logs"]
-    return read_logs(paths, {**params, "window": part})
-
-
-def _check_apart(fitted: Window | None, judged: Window) -> None:
-    """Refuse to validate with seconds that are fitted."""
-
-    def ends(window: Window | None) -> tuple[float, float]:
-        low, high = window or (None, None)
-        return (-inf if low is None else low, inf if high is None else high)
-
-    (a, b), (c, d) = ends(fitted), ends(judged)
-    if max(a, c) < min(b, d):
-        raise UsageError(
-            "--validate-window holds seconds that are fitted.",
-            expected="Expected two parts of the log that do not overlap.",
-            remedy=f"Give --window as well, for example --window :{c:g} --validate-window {c:g}:.",
-        )
-
-
-def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
-    """Refuse what may not be written, and mark what is written against the verdict."""
-    said = "\n".join(f"  {n.code}: {n.message}" for n in result.notices)
-    if params["strict"] and result.notices:
-        notes = sum(is_information(n.code) for n in result.notices)
-        counts = ((len(result.notices) - notes, "warning"), (notes, "note"))
-        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
-        raise StrictError(
-            f"{count} under --strict, nothing was written:",
-            expected=said,
-            remedy="Remove the causes, or run without --strict.",
-        )
-    return replace(result, document=result.document_to_write(params["accept_failed"]))
 
 
 def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:

@@ -19,6 +19,7 @@ from ..block import Block
 from ..errors import LogError, UsageError
 from ..experiment import FloatArray
 from ..parameters.document import ParameterDocument
+from ..parameters.draws import draw_values, place_of
 from ..specification import Variant
 from ..units import conversion_factor
 from .controller_file import ControllerFile, ReferenceKeys
@@ -33,7 +34,6 @@ from .metrics import StepMetrics, TrackingMetrics, step_metrics, tracking_metric
 from .plants.base import Plant
 from .references import KINDS, Reference, SampledReference
 
-_ATTEMPTS = 1000
 # What a reference does where the controller file does not say: start, size, at, speed, duration.
 _USUAL = {
     "m": (0.0, 5e-4, 0.1, 5e-3, 10.0),
@@ -305,61 +305,21 @@ def _read_reference(path: str, unit: str) -> SampledReference:
 def draw_document(
     document: ParameterDocument, variant: Variant, rng: np.random.Generator
 ) -> ParameterDocument:
-    """A document with parameters drawn from its covariance, within their physical ranges.
-
-    A draw beyond a range is drawn again; should that never end, it is cut off at the range.
-    """
-    covariance = document.covariance
-    if covariance is None or not covariance.order:
+    """A document with parameters drawn from its covariance (:func:`.draws.draw_values`)."""
+    if document.covariance is None:
         return document
-    values = document.values()
-    mean = np.array([_entry(values, name) for name in covariance.order])
-    low, high = np.array([_range(variant, name) for name in covariance.order]).T
-    low, high = np.minimum(low, mean), np.maximum(high, mean)
-    size, vectors = np.linalg.eigh(_scaled(covariance.matrix))
-    scale = np.sqrt(np.diag(np.array(covariance.matrix)))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
-    for _ in range(_ATTEMPTS):
-        found = mean + root @ rng.standard_normal(mean.size)
-        if ((found >= low) & (found <= high)).all():
-            break
-    found = np.clip(found, low, high)
-    return with_values(document, dict(zip(covariance.order, found.tolist())))
-
-
-def _scaled(matrix: Sequence[Sequence[float]]) -> FloatArray:
-    """Correlations of a covariance matrix."""
-    full = np.array(matrix, dtype=float)
-    scale = np.sqrt(np.diag(full))
-    scale[scale == 0.0] = 1.0
-    return full / np.outer(scale, scale)
-
-
-def _place(name: str) -> tuple[str, tuple[int, ...]]:
-    """Parameter and indices of ``weights_1[2][0]``."""
-    head, *rest = name.split("[")
-    return head, tuple(int(part.rstrip("]")) for part in rest)
-
-
-def _entry(values: Any, name: str) -> float:
-    head, indices = _place(name)
-    found = values[head]
-    for i in indices:
-        found = found[i]
-    return float(found)
-
-
-def _range(variant: Variant, name: str) -> tuple[float, float]:
-    spec = variant.parameter(_place(name)[0])
-    return spec.minimum, spec.maximum
+    (found,) = draw_values(document, variant, rng, 1)
+    return with_values(document, dict(zip(document.covariance.order, found.tolist())))
 
 
 def with_values(document: ParameterDocument, drawn: Mapping[str, float]) -> ParameterDocument:
     """The document with other parameters, those of lists by their places: ``weights_1[2][0]``."""
     parameters = dict(document.parameters)
-    arrays = {n: np.array(parameters[n].value, dtype=float) for n in {_place(d)[0] for d in drawn}}
+    arrays = {
+        n: np.array(parameters[n].value, dtype=float) for n in {place_of(d)[0] for d in drawn}
+    }
     for name, value in drawn.items():
-        head, indices = _place(name)
+        head, indices = place_of(name)
         arrays[head][indices] = value
     for name, array in arrays.items():
         parameters[name] = parameters[name].model_copy(update={"value": array.tolist()})

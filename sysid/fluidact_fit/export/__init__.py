@@ -5,10 +5,10 @@ accepted; it writes nothing itself.
 """
 
 from .registry import TARGETS, get_target
-from .run import NotExportedError, export
+from .run import Exported, NotExportedError, export
 from .target import Arithmetic, Job, Target, make_job, renamed
 
 __all__ = [
-    "TARGETS", "Arithmetic", "Job", "NotExportedError", "Target", "export", "get_target",
-    "make_job", "renamed",
+    "TARGETS", "Arithmetic", "Exported", "Job", "NotExportedError", "Target", "export",
+    "get_target", "make_job", "renamed",
 ]  # fmt: skip

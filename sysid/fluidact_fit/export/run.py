@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 
 from ..block import Block
@@ -15,17 +16,29 @@ from .registry import TARGETS, get_controller_target, get_target
 from .target import Arithmetic, Job, Origin, make_job, origin_of, sha256_of
 
 
+class Exported(list[Path]):
+    """Paths of the files that an export wrote."""
+
+    def summary(self) -> str:
+        """Return the paths, one a line."""
+        return "\n".join(map(str, self))
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        return "<ul>" + "".join(f"<li>{escape(str(path))}</li>" for path in self) + "</ul>"
+
+
 def export(
-    paths: Iterable[PathLike],
+    paths: Iterable[PathLike] | PathLike,
     to: str,
-    folder: PathLike,
+    folder: PathLike = ".",
     *,
-    force: bool = False,
+    overwrite: bool = False,
     arithmetic: Arithmetic | None = None,
     accept_failed: bool = False,
     accept_not_identified: bool | Collection[str] = False,
     controller: PathLike | None = None,
-) -> list[Path]:
+) -> Exported:
     """Export parameter files for a controller, or the controller itself.
 
     Everything is read and made before anything is written, and the files of one parameter
@@ -34,12 +47,12 @@ def export(
     Parameters
     ----------
     paths
-        Parameter files. The exports are named after them.
+        Parameter files, one or several. The exports are named after them.
     to
         Name of a target: one of ``TARGETS``.
     folder
-        Where to write; made when it does not exist.
-    force
+        Where to write (default: here); made when it does not exist.
+    overwrite
         Whether existing files may be replaced.
     arithmetic
         ``"float32"`` (as without it) or ``"q15"``, of the targets that know both.
@@ -48,15 +61,14 @@ def export(
     accept_not_identified
         Names of parameters to export although the data could not determine them, or ``True``
         for all; the export says so.
-
     controller
         A controller file: it is exported instead, named after it, with what the parameter files
         together say of its machine.
 
     Returns
     -------
-    list of Path
-        What was written.
+    Exported
+        The paths of what was written, as a list.
 
     Raises
     ------
@@ -74,7 +86,8 @@ def export(
     OutputError
         When a file exists and may not be replaced, or cannot be written.
     """
-    files = [os.fspath(path) for path in paths]
+    given = [paths] if isinstance(paths, str | os.PathLike) else paths
+    files = [os.fspath(path) for path in given]
     if not os.fspath(folder).strip() or "\0" in os.fspath(folder):
         raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
     target = get_target(to)
@@ -106,9 +119,11 @@ def export(
         raise failures[0][1] if len(files) == 1 else NotExportedError(failures, [])
     made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
     _refuse_same_files(made)
-    _check_places(made, files, force)
+    _check_places(made, files, overwrite)
     _make_folder(folder)
-    written = [p for c in made for p in write_together(c, overwrite=force, inputs=files)]
+    written = Exported(
+        p for c in made for p in write_together(c, overwrite=overwrite, inputs=files)
+    )
     if failures:
         raise NotExportedError(failures, written)
     return written
@@ -203,12 +218,14 @@ def _refuse_same_files(made: Iterable[Mapping[str, bytes]]) -> None:
         seen.add(path.lower())
 
 
-def _check_places(made: Iterable[Mapping[str, bytes]], files: Iterable[str], force: bool) -> None:
+def _check_places(
+    made: Iterable[Mapping[str, bytes]], files: Iterable[str], overwrite: bool
+) -> None:
     """Refuse before anything is written what would replace a file without leave."""
     paths = [path for contents in made for path in contents]
     refuse_outputs([("", path) for path in paths], files)
     for path in paths:
-        if os.path.lexists(path) and not force:
+        if os.path.lexists(path) and not overwrite:
             raise OutputError(
                 "exists already and was kept.",
                 where=path,

@@ -68,6 +68,11 @@ def family_title(name: str) -> str:
     return _REGISTRY[name][1]
 
 
+def fit_function(name: str) -> str:
+    """Name of the function of :mod:`.family_fits` that fits a family: ``fit_ball_screw``."""
+    return f"fit_{name.replace('-', '_')}"
+
+
 @cache
 def get_family(name: str) -> Family[FamilyOptions]:
     """Return the family of that name.

@@ -8,6 +8,7 @@ from .columns import share_columns
 from .describe import describe, provenance
 from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
+from .opening import LogLike, Reading, open_logs
 from .reader import read_log
 from .repeats import require_other_data
 from .same_signal import require_two_signals
@@ -16,11 +17,14 @@ __all__ = [
     "Column",
     "Dialect",
     "Log",
+    "LogLike",
+    "Reading",
     "StepInput",
     "choose_variant",
     "describe",
     "experiments",
     "log_of",
+    "open_logs",
     "provenance",
     "read_log",
     "require_agreement",

@@ -1,0 +1,71 @@
+"""Parameters drawn from the covariance of a file, within the ranges that they can have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..experiment import FloatArray
+from ..specification import Variant
+from .document import ParameterDocument
+
+_ATTEMPTS = 1000
+
+
+def draw_values(
+    document: ParameterDocument, variant: Variant, rng: np.random.Generator, number: int
+) -> FloatArray:
+    """Draw what a file estimated, shape ``(number, p)`` in the order of its covariance [SI].
+
+    A draw beyond the physical range of a parameter, or the bounds that it was fitted within, is
+    drawn again; should that never end, it is cut off there.
+    """
+    covariance = document.covariance
+    if covariance is None or not covariance.order:
+        return np.zeros((number, 0))
+    values = document.values()
+    mean = np.array([_entry(values, name) for name in covariance.order])
+    bounds = (document.provenance.options or {}).get("bounds", {})
+    low, high = np.array([_range(variant, bounds, name) for name in covariance.order]).T
+    low, high = np.minimum(low, mean), np.maximum(high, mean)
+    root = _root(covariance.matrix)
+    out = np.empty((number, mean.size))
+    for row in out:
+        for _ in range(_ATTEMPTS):
+            row[:] = mean + root @ rng.standard_normal(mean.size)
+            if ((row >= low) & (row <= high)).all():
+                break
+    return np.clip(out, low, high)
+
+
+def place_of(name: str) -> tuple[str, tuple[int, ...]]:
+    """Parameter and indices of ``weights_1[2][0]``."""
+    head, *rest = name.split("[")
+    return head, tuple(int(part.rstrip("]")) for part in rest)
+
+
+def _root(matrix: Sequence[Sequence[float]]) -> FloatArray:
+    """A root of a covariance matrix, by its correlations: units may differ by many powers."""
+    full = np.array(matrix, dtype=float)
+    scale = np.sqrt(np.diag(full))
+    known = np.where(scale == 0.0, 1.0, scale)
+    size, vectors = np.linalg.eigh(full / np.outer(known, known))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0)))
+
+
+def _entry(values: Any, name: str) -> float:
+    head, indices = place_of(name)
+    found = values[head]
+    for i in indices:
+        found = found[i]
+    return float(found)
+
+
+def _range(
+    variant: Variant, bounds: Mapping[str, Sequence[float]], name: str
+) -> tuple[float, float]:
+    head = place_of(name)[0]
+    spec, (low, high) = variant.parameter(head), bounds.get(head, (-np.inf, np.inf))
+    return max(spec.minimum, low), min(spec.maximum, high)

@@ -1,0 +1,271 @@
+"""What a finished fit and a loaded model say of themselves alike, from their document."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .errors import UsageError, in_python
+from .notices import CODES
+from .parameters import read_document
+from .parameters.document import Derived, Fit, LogFit, ParameterDocument
+from .parameters.draws import draw_values, place_of
+from .parameters.validation import Lookup
+from .specification import Variant
+from .tables import Table, format_interval, format_number, format_spread, percent_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+_MOST_ENTRIES = 24  # of a list that has a row for each
+_COLOURS = {"pass": "#2e7d32", "warn": "#b26a00", "fail": "#c62828"}
+
+
+class _Row(NamedTuple):
+    """One number of a document; ``value`` is ``None`` for a list that is only counted."""
+
+    name: str
+    value: float | None
+    std_error: float | None
+    interval: tuple[float, float] | None
+    unit: str
+    status: str
+    size: tuple[int, ...] = ()
+
+    @property
+    def percent(self) -> float | None:
+        """Standard error as a part of the value [%]."""
+        if not self.value or not self.std_error:
+            return None
+        return 100.0 * self.std_error / abs(self.value)
+
+
+class Presented:
+    """What shows the ``document`` of a ``variant``: a table, a summary, draws.
+
+    ``table()`` and ``summary()`` are for people, ``to_dataframe()`` and ``draws()`` for programs;
+    a notebook shows the object itself as ``summary()`` says it.
+    """
+
+    document: ParameterDocument
+    variant: Variant
+
+    def table(self, *, derived: bool = False) -> Table:
+        """Return the parameters as a table that prints itself and shows itself in a notebook.
+
+        Parameters
+        ----------
+        derived
+            Whether numbers computed from the parameters follow, such as a time constant.
+        """
+        head = ("parameter", "value", "std error", "relative", "unit", "95 % interval", "status")
+        rows = tuple(map(_cells, _rows(self.document, derived, _MOST_ENTRIES)))
+        return Table(head, rows, right=(1, 3))
+
+    def to_dataframe(self, *, derived: bool = False) -> DataFrame:
+        """Return the parameters as a table of pandas, an entry of a list in each row.
+
+        Parameters
+        ----------
+        derived
+            Whether numbers computed from the parameters follow.
+
+        Returns
+        -------
+        DataFrame
+            By name: ``value``, ``std_error``, ``low`` and ``high`` of the 95 % interval
+            [``unit``], ``relative_percent`` (standard error as a part of the value), ``status``,
+            and ``reason``: why a parameter was not identified, and what would determine it.
+        """
+        import pandas as pd  # slow to load
+
+        reasons = _reasons(self.document)
+        records = [
+            {
+                "parameter": r.name,
+                "value": r.value,
+                "std_error": np.nan if r.std_error is None else r.std_error,
+                "low": r.interval[0] if r.interval else np.nan,
+                "high": r.interval[1] if r.interval else np.nan,
+                "unit": r.unit,
+                "relative_percent": np.nan if r.percent is None else r.percent,
+                "status": r.status,
+                "reason": reasons.get(place_of(r.name)[0], ""),
+            }
+            for r in _rows(self.document, derived)
+        ]
+        return pd.DataFrame(records).set_index("parameter")
+
+    def draws(self, n: int = 1000, *, chains: int = 1, seed: int = 0) -> Dataset:
+        """Draw parameters as they are uncertain, for ArviZ.
+
+        They have a normal distribution with the covariance of the file, cut off at the physical
+        ranges of the parameters and at the bounds they were fitted within. An interval that was
+        found by profiling the likelihood may be less symmetrical than the draws.
+
+        Parameters
+        ----------
+        n
+            How many in each chain.
+        chains
+            How many chains, all alike: ``arviz.summary`` asks for two or more.
+        seed
+            Seed of the random numbers.
+
+        Returns
+        -------
+        xarray.Dataset
+            One variable per estimated parameter [SI], with dimensions ``chain`` and ``draw``, and
+            the places of a list; as ArviZ takes it.
+
+        Raises
+        ------
+        UsageError
+            When xarray is not installed, or the file holds no covariance.
+        """
+        try:
+            import xarray as xr
+        except ImportError:
+            raise UsageError(
+                "draws need xarray, which is not installed.",
+                remedy="Install it: pip install 'fluidact-fit[xarray]'",
+            ) from None
+        document = self.document
+        if document.covariance is None:
+            raise UsageError(
+                f"this {document.family} has no covariance to draw from.",
+                expected="Expected parameters that were estimated with their uncertainty.",
+            )
+        rng = np.random.default_rng(seed)
+        values = draw_values(document, self.variant, rng, chains * n).reshape(chains, n, -1)
+        arrays: dict[str, Any] = {}
+        for k, name in enumerate(document.covariance.order):
+            head, indices = place_of(name)
+            if head not in arrays:
+                nominal = np.array(document.parameters[head].value, dtype=float)
+                arrays[head] = np.tile(nominal, (chains, n) + (1,) * nominal.ndim)
+            arrays[head][(slice(None), slice(None), *indices)] = values[:, :, k]
+        variables = {
+            name: (
+                ["chain", "draw", *(f"{name}_dim_{k}" for k in range(array.ndim - 2))],
+                array,
+                {"units": document.parameters[name].unit},
+            )
+            for name, array in arrays.items()
+        }
+        coordinates = {"chain": np.arange(chains), "draw": np.arange(n)}
+        return xr.Dataset(variables, coordinates, {"family": document.family, "seed": seed})
+
+    def summary(self) -> str:
+        """Return verdict, parameters, validation and warnings as text."""
+        fit = self.document.fit
+        lines = [f"{self.document.family}: verdict {fit.verdict}, {_agreement(fit)}"]
+        lines += [f"  {line}" for line in repr(self.table()).splitlines()]
+        lines += _validation(self.document)
+        lines += [f"{word} ({code}): {text}" for word, code, text in _notices(self.document)]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        verdict = str(self.document.fit.verdict)
+        badge = (
+            f'<span style="background:{_COLOURS[verdict]};color:#fff;padding:0.1em 0.5em;'
+            f'border-radius:0.3em"><b>{verdict.upper()}</b></span>'
+        )
+        said = html.escape(f"{self.document.family}: {_agreement(self.document.fit)}")
+        parts = [f"<p>{badge} {said}</p>"]
+        parts.append(self.table()._repr_html_())
+        parts += [f"<p>{html.escape(line)}</p>" for line in _validation(self.document)]
+        if notices := _notices(self.document):
+            entries = (
+                f"<li><b>{word}</b> ({html.escape(code)}): {html.escape(text)}</li>"
+                for word, code, text in notices
+            )
+            parts.append(f"<ul>{''.join(entries)}</ul>")
+        return "".join(parts)
+
+
+ParametersLike = Presented | ParameterDocument | str | PathLike[str]
+
+
+def document_of(given: ParametersLike, lookup: Lookup) -> ParameterDocument:
+    """Return the document of a result or a model, or read and check that of a file.
+
+    ``lookup`` finds families by name. ``ParameterFileError`` when a file is not valid.
+    """
+    if isinstance(given, ParameterDocument):
+        return given
+    return given.document if isinstance(given, Presented) else read_document(given, lookup)
+
+
+def _validation(document: ParameterDocument) -> list[str]:
+    return [f"validation {entry.file}: {_agreement(entry)}" for entry in document.validation]
+
+
+def _agreement(entry: Fit | LogFit) -> str:
+    if entry.rmse is None:
+        return "no sample that the model describes"
+    percent = "" if entry.fit_percent is None else f"fit {percent_text(entry.fit_percent)}, "
+    return f"{percent}rmse {entry.rmse.value:.4g} {entry.rmse.unit}, {entry.samples} samples"
+
+
+def _notices(document: ParameterDocument) -> list[tuple[str, str, str]]:
+    """Word, code and text of every warning; files of later versions may hold unknown codes."""
+    out = []
+    for entry in document.warnings:
+        known = CODES.get(entry.code)
+        word = "note" if known is not None and known.severity == "information" else "warning"
+        out.append((word, entry.code, in_python(entry.message)))
+    return out
+
+
+def _reasons(document: ParameterDocument) -> dict[str, str]:
+    """Why parameters were not identified, by name."""
+    said = [w.message for w in document.warnings if w.code == "not-identified"]
+    lost = [n for n, p in document.parameters.items() if p.status == "not_identified"]
+    return {n: in_python(next((m for m in said if m.startswith(f"{n} ")), "")) for n in lost}
+
+
+def _rows(document: ParameterDocument, derived: bool, most: int | None = None) -> Iterator[_Row]:
+    """Numbers of a document; a list of more than ``most`` entries is one row without a value."""
+    entries: dict[str, Derived] = dict(document.parameters)
+    if derived:
+        entries |= document.derived
+    for name, entry in entries.items():
+        value = np.array(entry.value, dtype=float)
+        status = entry.status or "derived"
+        if most is not None and (value.ndim > 1 or value.size > most):
+            yield _Row(name, None, None, None, entry.unit, status, value.shape)
+            continue
+        error = None if entry.std_error is None else np.array(entry.std_error, dtype=float)
+        ends = None if entry.ci95 is None else np.array(entry.ci95, dtype=float)
+        for at in np.ndindex(value.shape):
+            yield _Row(
+                name + "".join(f"[{k}]" for k in at),
+                float(value[at]),
+                None if error is None else float(error[at]),
+                None if ends is None else (float(ends[at][0]), float(ends[at][1])),
+                entry.unit,
+                status,
+            )
+
+
+def _cells(row: _Row) -> tuple[str, ...]:
+    status = row.status.replace("_", " ")
+    if row.value is None:
+        size = " x ".join(map(str, row.size))
+        return row.name, f"{size} numbers", "", "", row.unit, "", status
+    return (
+        row.name,
+        format_number(row.value, row.std_error),
+        f"± {format_spread(row.std_error)}" if row.std_error else "",
+        "" if row.percent is None else f"{row.percent:.2g} %",
+        row.unit,
+        format_interval(row.interval, row.std_error),
+        status,
+    )
