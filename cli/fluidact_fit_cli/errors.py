@@ -16,6 +16,7 @@ import click
 from fluidact_fit.errors import FluidactError, bounded
 
 from . import INTERRUPTED
+from .messages import tell_message
 from .show import drop, tell
 
 PIPE_CLOSED = 141  # 128 + SIGPIPE
@@ -66,7 +67,10 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
             drop(sys.stdout)
             return PIPE_CLOSED
         message, status = explain(error, invocation.written)
-        tell(message)
+        if status == INTERRUPTED:
+            tell(message)
+        elif message:
+            tell_message("error", message)
         _flush()
         return status
 

@@ -175,7 +175,7 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
     present = [name for name in names if (directory / name).exists()]
     if present:
         raise OutputError(
-            f"{present[0]} exists already",
+            f"{present[0]} already exists",
             where=str(directory),
             remedy="Give another directory, or remove the files of the earlier run.",
         )

@@ -12,7 +12,7 @@ import pytest
 
 from fluidact_fit import read_document
 from fluidact_fit.errors import Notice
-from fluidact_fit_cli.show import echo_notices
+from fluidact_fit_cli.messages import echo_notices
 
 Run = Callable[..., Any]
 Log = Callable[..., Path]

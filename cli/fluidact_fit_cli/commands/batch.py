@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,11 @@ import click
 
 from fluidact_fit.errors import StrictError, UsageError
 
+from ..messages import tell_message
 from ..options import VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..progress import Progress
-from ..show import echo, echo_table, tell
+from ..show import echo, echo_table
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
@@ -94,7 +96,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
             source=Path(jobs_file) if jobs_file else None, asked_by=asked_by,
-            warn=lambda text: tell(f"warning: {text}"),
+            warn=partial(tell_message, "warning"),
         )  # fmt: skip
     written = [str(path) for path in write_summary(jobs, outcomes, target)]
     failed = sum(outcome.exit != 0 for outcome in outcomes)
@@ -141,7 +143,7 @@ def _check_folder(folder: Path, force: bool) -> None:
     for name in SUMMARY:
         if (folder / name).exists():
             raise UsageError(
-                f"{folder / name} exists already and is of no batch here; it was kept.",
+                f"{folder / name} already exists and is not from a batch; not overwritten.",
                 remedy="Give another folder with -o, or --force to replace it.",
             )
 

@@ -10,8 +10,9 @@ import click
 from fluidact_fit.errors import MismatchError
 
 from .. import options
+from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_notices, echo_table, format_number, format_spread
+from ..show import echo, echo_json, echo_table, format_number, format_spread
 
 if TYPE_CHECKING:
     from fluidact_fit.check import Check, Drift

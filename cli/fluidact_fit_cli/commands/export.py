@@ -8,9 +8,10 @@ from typing import Any
 
 import click
 
+from ..messages import tell_message
 from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
-from ..show import echo, tell
+from ..show import echo
 
 _ACCEPTED = "What the fit does not vouch for"
 
@@ -85,6 +86,6 @@ def command(
             echo(str(path))
         for file in [controller] if controller else params_files:
             if note := renamed(file):
-                tell(note, before="note: ")
+                tell_message("note", note)
     if failed is not None:
         raise failed

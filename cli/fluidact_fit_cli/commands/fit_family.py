@@ -18,6 +18,7 @@ from fluidact_fit.notices import is_information
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
+from ..messages import echo_notices
 from ..options import (
     FORCE,
     READING,
@@ -31,11 +32,12 @@ from ..options import (
     parsed,
     read_logs,
 )
-from ..outputs import check_targets, write_all
+from ..outputs import check_places, refuse_existing, write_all
+from ..parameter_table import echo_parameters
 from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo, echo_json, echo_notices, echo_parameters, json_text
+from ..show import echo, echo_json, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -135,6 +137,7 @@ def run_fit(
     _check_names(family, params)
     params = {**params, **_in_si(family, params)}
     _check_files(params, targets)
+    _refuse_existing(family, params, targets)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         result = _judge(_fit(family, params, invocation, progress), params)
         progress("writing")
@@ -177,8 +180,33 @@ def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
                 remedy="Give each log once; a log for --validate must not be fitted as well.",
             )
         seen.add(real)
-    check_targets(targets, logs, params["force"])
+    check_places(targets, logs)
     _check_suffix(targets.get("-o", ""))
+
+
+def _refuse_existing(
+    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Mapping[str, str]
+) -> None:
+    """Refuse to replace files; a mistake in a log comes first, and both are told at once."""
+    try:
+        refuse_existing(targets, params["force"])
+    except UsageError as taken:
+        try:
+            _check_logs(family, params)
+        except LogError as error:
+            raise type(error)(
+                error.what, where=error.where, expected=error.expected,
+                remedy="\n".join(filter(None, (error.remedy, f"Besides, {taken.text}"))),
+            ) from error  # fmt: skip
+        raise
+
+
+def _check_logs(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+    """Raise what is wrong with the logs, short of a fit."""
+    from fluidact_fit.logs import choose_variant, experiments
+
+    for log in read_logs((*params["logs"], *params["validate"]), params):
+        experiments(log, choose_variant(log, family.variants))
 
 
 def _check_suffix(path: str) -> None:
@@ -305,14 +333,12 @@ def _check_apart(fitted: Window | None, judged: Window) -> None:
 
 def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
     """Refuse what may not be written, and mark what is written against the verdict."""
-    said = "\n".join(f"  {n.code}: {n.message}" for n in result.notices)
-    if params["strict"] and result.notices:
-        notes = sum(is_information(n.code) for n in result.notices)
-        counts = ((len(result.notices) - notes, "warning"), (notes, "note"))
-        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
+    found = [n for n in result.notices if not is_information(n.code)]
+    if params["strict"] and found:
+        count = "1 warning" if len(found) == 1 else f"{len(found)} warnings"
         raise StrictError(
-            f"{count} under --strict, nothing was written:",
-            expected=said,
+            f"{count} under --strict; nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in found),
             remedy="Remove the causes, or run without --strict.",
         )
     return replace(result, document=result.document_to_write(params["accept_failed"]))

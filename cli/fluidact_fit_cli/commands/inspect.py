@@ -14,8 +14,9 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
+from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_notices, echo_table, format_number
+from ..show import echo, echo_json, echo_table, format_number
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion

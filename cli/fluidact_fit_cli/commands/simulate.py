@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..loop import simulate_closed_loop
+from ..messages import echo_notices
 from ..options import (
     FORCE,
     READING,
@@ -24,7 +25,7 @@ from ..options import (
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_seconds, parse_step
-from ..show import echo, echo_notices, echo_result, tell
+from ..show import echo, echo_result, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation

@@ -210,7 +210,7 @@ def _check_places(made: Iterable[Mapping[str, bytes]], files: Iterable[str], for
     for path in paths:
         if os.path.lexists(path) and not force:
             raise OutputError(
-                "exists already and was kept.",
+                "already exists; not overwritten.",
                 where=path,
                 remedy="Give --force to replace it, or another folder.",
             )
