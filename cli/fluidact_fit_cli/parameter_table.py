@@ -21,7 +21,7 @@ _HEAD = [
     "value",
     "std error",
     "unit",
-    "rel. error",
+    "error %",
     "95 % interval",
     "in SI",
     "status",
@@ -97,8 +97,9 @@ def _relative(value: float, spread: float | None) -> str:
     if not spread or not value:
         return ""
     percent = 100.0 * spread / abs(value)
-    return "> 1000 %" if percent > 1000.0 else f"{percent:.2g} %" if percent < 99.5 else (
-        f"{percent:.0f} %")  # fmt: skip
+    if percent > 1000.0:
+        return "> 1000"
+    return f"{percent:.2g}" if percent < 99.5 else f"{percent:.0f}"
 
 
 def _status(entry: Mapping[str, Any]) -> str:

@@ -46,9 +46,22 @@ def test_existing_file_is_kept_unless_forced(here: Run, valve: Log, inside: Path
     assert read_document(target).family == "valve"
 
 
-def test_existing_file_is_noticed_before_reading(here: Run, inside: Path) -> None:
+def test_an_existing_file_is_kept(here: Run, valve: Log, inside: Path) -> None:
     (inside / "valve.yaml").write_text("mine\n")
-    assert "kept" in here("valve", "there-is-no-such-log.csv").err
+    done = here("valve", valve())
+    assert done.status == 2
+    assert done.err.startswith("error: valve.yaml already exists; not overwritten.\n  Give --force")
+
+
+def test_an_existing_file_hides_no_mistake_in_a_log(here: Run, valve: Log, inside: Path) -> None:
+    (inside / "valve.yaml").write_text("mine\n")
+    log = valve()
+    log.write_text(log.read_text().replace("outlet", "p"))
+    for name, told in ((log, "no column is named 'outlet'"), ("none.csv", "none.csv: ")):
+        done = here("valve", name)
+        assert done.status == 3
+        assert told in done.err.splitlines()[0]
+        assert "Besides, valve.yaml already exists" in done.err
 
 
 @pytest.mark.parametrize(

@@ -89,14 +89,14 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     jobs, base = _jobs(jobs_file, target, params)
     _check_folder(target, params["force"])
     with (
-        closing(Progress(params["quiet"], params["verbose"])) as progress,
+        closing(Progress(params["quiet"], params["verbose"], lines=True)) as progress,
         _pool(params, progress) as pool,
     ):
         note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
             source=Path(jobs_file) if jobs_file else None, asked_by=asked_by,
-            warn=partial(tell_message, "warning"),
+            warn=partial(_warn, progress),
         )  # fmt: skip
     written = [str(path) for path in write_summary(jobs, outcomes, target)]
     failed = sum(outcome.exit != 0 for outcome in outcomes)
@@ -108,6 +108,11 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
             f"{failed} of {len(jobs)} jobs have no parameter file.",
             remedy=f"See {target / 'index.html'}, or what each said in {target / 'logs'}.",
         )
+
+
+def _warn(progress: Progress, text: str) -> None:
+    progress.clear()
+    tell_message("warning", text)
 
 
 def _jobs(jobs_file: str | None, folder: Path, params: Any) -> tuple[list[Job], Path]:

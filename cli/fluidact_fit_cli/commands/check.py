@@ -17,6 +17,8 @@ from ..show import echo, echo_json, echo_table, format_number, format_spread
 if TYPE_CHECKING:
     from fluidact_fit.check import Check, Drift
 
+_STAGES = ("reading", "simulating", "fitting again")
+
 
 @click.command(
     "check",
@@ -45,7 +47,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
     document = options.read_params(params_file, logs)
     options.check_role_names(params, [role.name for role in variant_of(document).roles])
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with closing(Progress(params["quiet"], params["verbose"], stages=_STAGES)) as progress:
         progress("reading")
         found = check_logs(document, options.read_logs(logs, params), progress=progress)
     if not params["quiet"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import click
 from fluidact_fit.errors import UsageError
 
 from .. import options
+from ..progress import Progress
 from ..show import echo, echo_json, echo_table, format_number
 
 if TYPE_CHECKING:
@@ -88,7 +90,9 @@ def _documents(files: tuple[str, ...]) -> Comparison:
 def _recordings(files: tuple[str, ...], params: dict[str, Any]) -> Recordings:
     from fluidact_fit.comparison import compare_recordings
 
-    return compare_recordings(list(zip(files, options.read_logs(files, params))))
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        return compare_recordings(list(zip(files, options.read_logs(files, params))))
 
 
 def _show(found: Comparison) -> None:

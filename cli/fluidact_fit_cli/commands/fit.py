@@ -43,8 +43,9 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
     from fluidact_fit.advice import column_options, is_clear, suggest
 
     invocation = ctx.find_object(Invocation) or Invocation(("fit", *logs))
-    read = options.read_logs(logs, params)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        read = options.read_logs(logs, params)
         found = suggest(read, logs, progress=progress)
     chosen = found[0] if is_clear(found) else _ask(found)
     words = [w for w in invocation.args if w != "--debug"]

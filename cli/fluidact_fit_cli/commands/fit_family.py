@@ -63,6 +63,7 @@ _JUDGING: list[click.Parameter] = [
            "result. Default: 0."),
 ]  # fmt: skip
 
+_STAGES = ("reading", "fitting", "examining the fit", "validating", "writing")
 # Suffixes of what a fit reads, or writes elsewhere.
 _OTHERS = (
     ".json", ".csv", ".tsv", ".xlsx", ".parquet", ".mat", ".h5", ".hdf5", ".tdms", ".mf4", ".png",
@@ -138,7 +139,9 @@ def run_fit(
     params = {**params, **_in_si(family, params)}
     _check_files(params, targets)
     _refuse_existing(family, params, targets)
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    validated = params["validate"] or params["validate_window"] is not None
+    stages = [stage for stage in _STAGES if stage != "validating" or validated]
+    with closing(Progress(params["quiet"], params["verbose"], stages=stages)) as progress:
         result = _judge(_fit(family, params, invocation, progress), params)
         progress("writing")
         write_all(_render(result, targets), params["force"])

@@ -59,7 +59,9 @@ def command(
     if family is not None:
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
-    read = options.read_logs(logs, params)
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        read = options.read_logs(logs, params)
     every = []
     for log in read:
         # Refuses a column that is not there.

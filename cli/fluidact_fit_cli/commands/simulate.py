@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,6 +26,7 @@ from ..options import (
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_seconds, parse_step
+from ..progress import Progress
 from ..show import echo, echo_result, tell
 
 if TYPE_CHECKING:
@@ -158,10 +160,14 @@ def _with_logs(
     from fluidact_fit.recall import recall_logs
     from fluidact_fit.simulation import prepare_logs, simulate_runs
 
-    runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
+        progress("simulating")
+        simulated = simulate_runs(document, runs)
     if not params["quiet"]:
         echo_notices(notices)
-    return simulate_runs(document, runs)
+    return simulated
 
 
 def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[Simulation]:
