@@ -13,7 +13,7 @@ from fluidact_fit.notices import is_information
 from .show import paint, tell_painted, width_of
 
 _NAMED = 3  # logs of which the same is said
-_SENTENCE = re.compile(r"(?<=[^.\s]{2}[.?!])\s+(?=[A-Z'\"-])")
+_SENTENCE = re.compile(r"(?<![.\s][A-Za-z]\.)(?<=[.?!])\s+(?=[A-Z'\"-])")  # not behind "e.g."
 _INDENT, _CONTINUED = "  ", "    "
 
 
