@@ -29,6 +29,8 @@ from .parse import (
 )
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from fluidact_fit.logs import Log
     from fluidact_fit.parameters import ParameterDocument
 
@@ -42,6 +44,16 @@ _ROLE_OPTIONS = {
 }
 
 
+# Options of a fit and of reading a log that only --help-all shows: most logs need none of them.
+_RARE = {
+    "details", "as_json", "controller_sample_time", "scale", "sample_time", "step", "hold",
+    "unwrap", "exclude", "exclude_rows", "invalid", "set", "from_name", "decimal", "thousands",
+    "delimiter", "skip_rows", "header_row", "start", "bounds", "noise", "validate_window",
+    "accept_failed", "seed", "debug",
+}  # fmt: skip
+_ALL = "fluidact_fit_cli.help_all"
+
+
 class Option(click.Option):
     """An option that stands under a heading of the help."""
 
@@ -49,22 +61,57 @@ class Option(click.Option):
         super().__init__(*args, **kwargs)
         self.group = group
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
+        """What a shell offers as the value."""
+        from .completion import values_of
+
+        found = values_of(self.name or "", ctx, incomplete)
+        return found or super().shell_complete(ctx, incomplete)
+
 
 class Command(click.Command):
-    """A command whose help lists the options under headings."""
+    """A command whose help lists the options under headings.
+
+    One that reads logs shows the common ones with --help, and every one with --help-all.
+    """
+
+    def __init__(self, *args: Any, params: list[click.Parameter], **kwargs: Any) -> None:
+        self.is_short = any(param.name == "column" for param in params)
+        every = [*params, _help_all()] if self.is_short else params
+        super().__init__(*args, params=every, **kwargs)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section per heading, in the order of the options."""
+        shown = [p for p in self.get_params(ctx) if not isinstance(p, click.Argument)]
+        if self.is_short and not ctx.meta.get(_ALL):
+            shown = [p for p in shown if p.name not in _RARE]
         groups: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
-            if isinstance(param, click.Argument):
-                continue
+        for param in shown:
             record = param.get_help_record(ctx)
             if record is not None:
                 groups.setdefault(getattr(param, "group", "Messages"), []).append(record)
         for title, records in groups.items():
             with formatter.section(title):
                 formatter.write_dl(records)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Say where the other options are."""
+        super().format_epilog(ctx, formatter)
+        rare = sum(param.name in _RARE for param in self.get_params(ctx))
+        if self.is_short and not ctx.meta.get(_ALL):
+            formatter.write_paragraph()
+            formatter.write_text(f"{rare} more options: {ctx.command_path} --help-all")
+
+
+def _help_all() -> click.Option:
+    def show(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+        if value and not ctx.resilient_parsing:
+            ctx.meta[_ALL] = True
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    return Option(["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=show,
+                  group="Messages", help="Show all options and exit.")  # fmt: skip
 
 
 def parsed(
@@ -233,7 +280,7 @@ def _by_log(
             raise UsageError(
                 f"{option} {text!r} is not understood.",
                 expected=f"Expected {option} [LOG:]NAME=VALUE.",
-                remedy="See --help for examples.",
+                remedy="See --help-all for examples.",
             )
         if pattern is not None and not any(filter_names(n, pattern) for n in logs):
             raise UsageError(
