@@ -129,7 +129,7 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
 
 
 def _explain_usage(error: click.UsageError) -> str:
-    text = error.format_message()
+    text = error.format_message().replace("\n\t", " ")
     if isinstance(error, click.MissingParameter) and error.param and error.param.name == "logs":
         text += " Give at least one CSV file."
     if error.ctx is not None:

@@ -29,6 +29,17 @@ def echo(text: str = "") -> None:
     _print(visible(text) + "\n")
 
 
+def echo_text(text: str, indent: str = "") -> None:
+    """Print a paragraph for people, wrapped to the width of a terminal."""
+    width = width_of(sys.stdout)
+    if width is None:
+        echo(text)
+        return
+    for line in visible(text).splitlines() or [""]:
+        echo(textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False,
+                           break_on_hyphens=False))  # fmt: skip
+
+
 def echo_result(text: str) -> None:
     """Print what was asked for, as it is, on standard output; ``OutputError`` without one."""
     if sys.stdout is None:

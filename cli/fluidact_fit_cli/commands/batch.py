@@ -17,7 +17,7 @@ from ..messages import tell_message
 from ..options import VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..progress import Progress
-from ..show import echo, echo_table
+from ..show import echo, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
@@ -102,7 +102,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     failed = sum(outcome.exit != 0 for outcome in outcomes)
     if not params["quiet"]:
         _show([outcome.status for outcome in outcomes])
-        echo("written to " + ", ".join(written))
+        echo_text("written to " + ", ".join(written), "  ")
     if failed and params["strict"]:
         raise StrictError(
             f"{failed} of {len(jobs)} jobs have no parameter file.",

@@ -77,8 +77,9 @@ def _show(found: Check) -> None:
     echo_table([head, *rows], right=(1, 2, 3))
     if found.drifts:
         echo()
-        head = ["parameter", "file", "now", "std error", "unit", "moved", "", ""]
-        echo_table([head, *(_drift_row(d) for d in found.drifts)], right=(1, 2, 5))
+        head = ["parameter", "file", "now", "std error", "unit", "std errors", "moved by", ""]
+        rows = [_drift_row(drift) for drift in found.drifts]
+        echo_table([head, *rows], right=(1, 2, 5, 6), drop=(4, 3))
     if found.fits:
         echo("\nthe model still fits")
 
@@ -92,7 +93,7 @@ def _drift_row(drift: Drift) -> list[str]:
         format_number(drift.now, drift.combined_error),
         f"± {format_spread(drift.combined_error)}",
         drift.unit,
-        f"{drift.sigmas:.1f} std errors",
+        f"{drift.sigmas:.1f}",
         "" if drift.percent is None else percent_text(drift.percent, "+.2f"),
         "MOVED" if drift.moved else "",
     ]

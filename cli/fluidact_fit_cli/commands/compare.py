@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -13,7 +15,7 @@ from fluidact_fit.errors import UsageError
 
 from .. import options
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, format_number
+from ..show import echo, echo_json, echo_table, echo_text, format_number
 
 if TYPE_CHECKING:
     from fluidact_fit.comparison import Comparison, Recordings
@@ -97,8 +99,8 @@ def _recordings(files: tuple[str, ...], params: dict[str, Any]) -> Recordings:
 
 def _show(found: Comparison) -> None:
     head = ["parameter", "unit"]
-    for k, name in enumerate(found.files):
-        head += [Path(name).stem, *(["differs by"] if k else [])]
+    for k, name in enumerate(_distinct(found.files)):
+        head += [name, *(["std errors"] if k else [])]
     rows = []
     for p in found.parameters:
         row = [p.name, p.unit]
@@ -106,12 +108,13 @@ def _show(found: Comparison) -> None:
             zip(p.values, p.std_errors, p.statuses, p.deviations)
         ):
             row.append(_number(value, error, status))
-            row += [("" if z is None else f"{z:+.1f} std errors")] if k else []
+            row += [("" if z is None else f"{z:+.1f}")] if k else []
         rows.append(row)
     echo_table([head, *rows])
     echo()
+    echo_text("Differences are in standard errors of the difference.")
     for t in found.together:
-        echo(t.words)
+        echo_text(t.words, "  ")
 
 
 def _number(value: float | None, error: float | None, status: str | None) -> str:
@@ -126,7 +129,9 @@ def _number(value: float | None, error: float | None, status: str | None) -> str
 def _show_recordings(found: Recordings) -> None:
     from fluidact_fit.comparison import column_key
 
-    head = ["", *(log["file"] for log in found.logs)]
+    files = [log["file"] for log in found.logs]
+    short = _distinct(files)
+    head = ["", *short]
     rows = [["rows", *(str(log["rows"]) for log in found.logs)]]
     steps = [(log["time"] or {}).get("sample_time") for log in found.logs]
     rows.append(["every", *("-" if not s else f"{s:g} s" for s in steps)])
@@ -136,7 +141,21 @@ def _show_recordings(found: Recordings) -> None:
     echo_table([head, *rows])
     echo()
     for finding in found.findings or ["nothing differs in columns, units, ranges and sampling"]:
-        echo(finding)
+        for path, name in zip(files, short):
+            finding = finding.replace(path, name)
+        echo_text(finding, "  ")
+
+
+def _distinct(paths: Sequence[str]) -> Sequence[str]:
+    """Names of files without the folders that they have in common."""
+    names = [Path(path).name for path in paths]
+    if len(set(names)) == len(names) or len(set(paths)) < len(paths):
+        return names
+    try:
+        common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])
+        return [os.path.relpath(path, common) for path in paths]
+    except ValueError:  # on several drives
+        return paths
 
 
 def _range(column: dict[str, Any] | None) -> str:

@@ -37,7 +37,7 @@ from ..parameter_table import echo_parameters
 from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo, echo_json, json_text
+from ..show import echo_json, echo_text, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -149,7 +149,7 @@ def run_fit(
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
-        echo("written to " + ", ".join(targets.values()))
+        echo_text("written to " + ", ".join(targets.values()), "  ")
     if not params["quiet"]:
         echo_notices(result.notices)
 

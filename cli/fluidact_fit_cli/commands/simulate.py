@@ -111,10 +111,10 @@ def command(
     else:
         write_all({output: text}, force)
     if not params["quiet"]:
-        _show(runs, output)
+        _show(runs, document.fit.rmse.unit, output)
 
 
-def _show(runs: Sequence[Simulation], output: str | None) -> None:
+def _show(runs: Sequence[Simulation], unit: str, output: str | None) -> None:
     """Agreement with each log, on standard error: the table may stand on standard output."""
     from fluidact_fit.outcome import percent_text
 
@@ -122,7 +122,7 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
             tell(
-                f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
+                f"{run.experiment.name}: rmse {run.rmse:.6g} {unit}, fit "
                 f"{percent_text(run.agreement.fit_percent)}{left}"
             )
     if output is not None:
