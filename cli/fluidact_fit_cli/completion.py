@@ -109,12 +109,13 @@ def _split(line: str, shell: str) -> tuple[list[str], str, str | None]:
     lexer.whitespace_split, lexer.commenters = True, ""
     if shell == "powershell":
         lexer.escape = ""  # a backslash is part of a path
-    words, tail = [], None
+    words: list[str] = []
+    tail = None
     try:
         words.extend(lexer)
     except ValueError:  # an open quote
         words.append(lexer.token)
-        tail = line[line.rindex(lexer.state or "'") + 1 :]
+        tail = line.rpartition(getattr(lexer, "state", None) or "'")[2]
     else:
         if not line or line[-1].isspace():
             words.append("")

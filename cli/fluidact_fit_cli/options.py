@@ -75,10 +75,10 @@ class Command(click.Command):
     One that reads logs shows the common ones with --help, and every one with --help-all.
     """
 
-    def __init__(self, *args: Any, params: list[click.Parameter], **kwargs: Any) -> None:
+    def __init__(self, name: str | None, *, params: list[click.Parameter], **kwargs: Any) -> None:
         self.is_short = any(param.name == "column" for param in params)
         every = [*params, _help_all()] if self.is_short else params
-        super().__init__(*args, params=every, **kwargs)
+        super().__init__(name, params=every, **kwargs)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section per heading, in the order of the options."""
