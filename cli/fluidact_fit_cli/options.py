@@ -152,7 +152,7 @@ VERBOSITY: list[click.Parameter] = [
         "--verbose",
         "-v",
         group="Messages",
-        help="Print more: every stage as it begins, and at the end where the time went.",
+        help="Print more: every stage as it begins, every log, and the time that each stage took.",
     ),
     DEBUG,
 ]
@@ -161,9 +161,9 @@ _READING = "Reading the log"
 # How columns become roles: what every command that reads logs has.
 READING: list[click.Parameter] = [
     assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
-               "The column of a role, by header or as #N, counted from 1. Default: the column "
-               "named like the role. Some of several logs may lack the column of an optional "
-               "role. Repeatable.", _READING),
+               "Column of a role, by header or by number (#1 is the first). Default: the "
+               "column named like the role. Repeatable. Some of several logs may lack the "
+               "column of an optional role.", _READING),
     assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
                "Unit of a role; overrides that of the header. Without either, SI.", _READING),
     assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
@@ -171,40 +171,40 @@ READING: list[click.Parameter] = [
     parsed("--sample-time", "SECONDS", "0.001", parse_seconds,
            "Time from one sample to the next, for logs without a time column.", _READING),
     assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
-               "For an input that was not recorded: constant at FROM, then constant at TO (in "
-               "its --unit, or SI) from T seconds on (default 0).", _READING),
+               "An input that was not recorded: it steps from FROM to TO (in its --unit, or "
+           "SI) at T seconds (default 0).", _READING),
     Option(["--window", "--fit-window", "window"], group=_READING,
            type=Parsed("START:END", "--window 0.5:3", parse_window),
            help="Part of the log to use, in seconds; either side may be empty."),
     assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
-               "How an input behaves between its samples: zoh is held, foh follows straight "
-               "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
-               "(zoh for a signal of two levels), and the file says which.", _READING),
+               "How an input moves between its samples: zoh (held), foh (straight lines) or "
+               "smooth (a smooth curve); auto chooses foh or smooth (zoh for a signal with two "
+               "levels), and the file says which.", _READING),
     assignment("--unwrap", "ROLE=TURN|none", "angle=360", parse_turn,
-               "What the column of an angle or a position begins again after, in its own numbers, "
-               "or none. Default: found where it is certain.", _READING),
+               "Where an angle or a position wraps around, in the numbers of its column, or "
+               "none. Default: detected where it is certain.", _READING),
     Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
-           help="Leave out runs (2 or 2,5), time=3:3.5 (seconds) or lines=120:130 of the file, of "
-           "all logs or of those whose name matches LOG (* stands for anything). Repeatable."),
+           help="Leave out runs (2 or 2,5), seconds (time=3:3.5) or lines of the file "
+           "(lines=120:130), of all logs or of those whose name matches LOG (* matches anything). "
+           "Repeatable."),
     Option(["--exclude-rows"], metavar="[LOG:]ROWS", multiple=True, group=_READING,
            help="Leave out rows of the data, counted from 1: 7, or 120:130, or both with a comma. "
            "Repeatable."),
     Option(["--invalid"], type=click.Choice(["drop", "refuse"]), group=_READING,
-           help="What becomes of rows with a missing or non-numeric cell in a column that is used: "
-           "drop leaves them out, each a gap in time. Default: refuse."),
+           help="Rows with a missing or non-numeric cell in a column that is used: drop leaves "
+           "them out, each a gap in time. Default: refuse the log."),
     Option(["--set"], metavar="[LOG:]ROLE=VALUE", multiple=True, group=_READING,
            help="A role that was constant, with its unit: --set 'a*.csv:position=25 %'. "
            "Repeatable."),
     assignment("--from-name", "ROLE=TEXT{UNIT}", "'position=kinked{%}'", parse_text,
-               "A constant that stands in the name of the file; --set is for files whose name "
-               "does not hold it.", _READING),
+               "A constant that is part of the file name; use --set where it is not.", _READING),
     parsed("--decimal", "SIGN", ",", parse_sign,
-           "Decimal sign, where the log does not show which it is.", _READING),
+           "Decimal separator, where the log leaves it open.", _READING),
     parsed("--thousands", "SIGN", "' '", parse_sign,
-           "Sign between thousands, in quotes if it is a blank.", _READING),
+           "Thousands separator, in quotes if it is a space.", _READING),
     parsed("--delimiter", "SIGN", "';'", parse_sign,
-           "What separates the columns: a sign, tab, or blank.", _READING),
-    parsed("--skip-rows", "N", "3", parse_count, "Lines at the top that are not looked at.",
+           "Column separator: a character, tab, or blank.", _READING),
+    parsed("--skip-rows", "N", "3", parse_count, "Lines to skip at the top.",
            _READING),
     parsed("--header-row", "N", "4", parse_count, "Line of the header, counted from 1.",
            _READING),

@@ -9,6 +9,7 @@ from .show import (
     echo,
     echo_painted,
     echo_table,
+    echo_text,
     format_interval,
     format_number,
     format_spread,
@@ -37,7 +38,7 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     derived = document.get("derived", {})
     rows += _rows({k: q for k, q in derived.items() if verbose or _is_number(q)}, units, "derived")
     if dropped := echo_table([_HEAD, *rows], right=_RIGHT, drop=_DROP):
-        echo(f"A wider terminal also shows: {', '.join(dropped)}.")
+        echo_text(f"A wider terminal also shows: {', '.join(dropped)}.")
     echo()
     fit = document["fit"]
     runs = f" in {len(fit['logs'])} runs" if len(fit.get("logs", [])) > 1 else ""

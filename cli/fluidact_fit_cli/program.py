@@ -104,7 +104,8 @@ class Program(click.Group):
 
 program = Program(
     "fluidact-fit",
-    help="System identification for fluid-powered actuators: CSV logs in, parameter files out.",
+    help="System identification for fluid-powered actuators: turn test-rig logs into "
+    "controller-ready parameters.",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     params=[DEBUG],

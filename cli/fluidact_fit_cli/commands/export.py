@@ -13,7 +13,7 @@ from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..show import echo
 
-_ACCEPTED = "What the fit does not vouch for"
+_ACCEPTED = "Overriding safety checks"
 
 
 @click.command(
@@ -43,7 +43,7 @@ _ACCEPTED = "What the fit does not vouch for"
 def command(
     params_files: tuple[str, ...], to: str, folder: str, accepted: tuple[str, ...], **params: Any
 ) -> None:
-    """Write the parameter files PARAMS in the language of a controller.
+    """Export code or configuration for a controller from the parameter files PARAMS.
 
     \b
     c       NAME.h, NAME.c: what a controller calls; NAME_selftest.c

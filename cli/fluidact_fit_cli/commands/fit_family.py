@@ -75,12 +75,12 @@ _PARAMETERS: list[click.Parameter] = [
     assignment("--fix", "NAME=VALUE", "'dead_time=12 ms'", parse_quantity,
                "Hold a parameter at a value, in SI or with its unit.", "Parameters"),
     assignment("--start", "NAME=VALUE", "mass=50", parse_quantity,
-               "Where the search begins, in SI or with its unit.", "Parameters"),
+               "Starting value of the search, in SI or with its unit.", "Parameters"),
     assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_quantities,
                "Range of a parameter, in SI or with its unit.", "Parameters"),
     assignment("--noise", "ROLE=SD", "force=0.1", parse_quantity,
                "Standard deviation of white noise on a measured input, in SI or with its unit; "
-               "0 for an exact one. Default: judged from the log.", "Parameters"),
+               "0 for an exact one. Default: estimated from the log.", "Parameters"),
 ]  # fmt: skip
 
 
