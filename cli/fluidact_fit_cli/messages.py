@@ -39,7 +39,7 @@ def tell_message(word: str, text: str, code: str = "") -> None:
     first, *rest = visible(text).split("\n")
     first, *remedy = _SENTENCE.split(first, maxsplit=1)
     start = f"{word} ({code}): " if code else f"{word}: "
-    lines = _wrapped(start + first, "", _CONTINUED)
+    lines = _wrapped(first, start, _CONTINUED)
     for line in (*remedy, *rest):
         own = line[: len(line) - len(line.lstrip())]
         lines += _wrapped(line.lstrip(), _INDENT + own, _INDENT + own)
