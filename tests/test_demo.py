@@ -38,7 +38,7 @@ def test_demo_writes_files_and_a_table(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("two_families")
 def test_demo_keeps_files_of_an_earlier_run(tmp_path: Path) -> None:
     (tmp_path / "valve.yaml").write_text("mine", encoding="utf-8")
-    with pytest.raises(ff.OutputError, match=r"valve\.yaml exists"):
+    with pytest.raises(ff.OutputError, match=r"valve\.yaml already exists"):
         demo.run_demo(tmp_path, lambda line: None)
     assert (tmp_path / "valve.yaml").read_text(encoding="utf-8") == "mine"
     assert demo.run_demo(tmp_path, lambda line: None, overwrite=True) == 0

@@ -12,7 +12,7 @@ import pytest
 from fluidact_fit import units
 from fluidact_fit.errors import UnitError
 from fluidact_fit.logs.header import _clean_unit
-from fluidact_fit.units import headers, reading
+from fluidact_fit.units import display_unit, headers, reading
 from fluidact_fit.units.table import ALIASES, AMBIGUOUS, ATOMS, TABLE, UNREAD
 from fluidact_fit.units.words import WORDS
 
@@ -568,3 +568,25 @@ def test_words_of_a_remark_are_not_multiplied() -> None:
     """'t in Sekunden' was tonnes times inches times seconds."""
     assert units.parse_unit_from_header("t in Sekunden") == ("t", "Sekunden")
     assert units.parse_unit_from_header("p_1 in daN/cm2") == ("p_1", "daN/cm2")
+
+
+@pytest.mark.parametrize(("si_unit", "size", "recorded", "shown"), [
+    ("s", 0.0123, [], "12.3 ms"),
+    ("s", 14.6, [], "14.6 s"),
+    ("s", 0.12, ["ms"], "120 ms"),
+    ("s", 14.6, ["ms"], "14.6 s"),  # never 1.46e+04 ms
+    ("Pa", 1e9, ["bar"], "1 GPa"),
+    ("Pa", 0.0, ["bar (abs)"], "0 bar"),
+    ("m3/s/V", 4.2e-5, ["V", "l/min"], "2.52 l/min/V"),
+    ("N s/m", 1720.0, ["mm/s", "N"], "1.72 N/(mm/s)"),
+    ("N m s/rad", 1e-5, ["mN m", "deg"], "10 µN m s/rad"),
+    ("kg m2", 1.171e-6, [], "11.71 g cm2"),
+    ("m3/(s V Pa^0.5)", 2.1e-8, ["bar", "V"], "2.1e-08 m3/(s V Pa^0.5)"),
+    ("1", 1e-9, ["%", "counts"], "1e-09 1"),
+    ("V", 0.02, ["% of 10 V"], "20 mV"),
+])  # fmt: skip
+def test_values_are_shown_in_a_unit_that_suits_them(
+    si_unit: str, size: float, recorded: list[str], shown: str
+) -> None:
+    found = display_unit(si_unit, size, recorded)
+    assert f"{size * found.factor:.5g} {found.unit}" == shown

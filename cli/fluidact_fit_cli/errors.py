@@ -16,6 +16,7 @@ import click
 from fluidact_fit.errors import FluidactError, bounded
 
 from . import INTERRUPTED
+from .messages import tell_message
 from .show import drop, tell
 
 PIPE_CLOSED = 141  # 128 + SIGPIPE
@@ -66,7 +67,10 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
             drop(sys.stdout)
             return PIPE_CLOSED
         message, status = explain(error, invocation.written)
-        tell(message)
+        if status == INTERRUPTED:
+            tell(message)
+        elif message:
+            tell_message("error", message)
         _flush()
         return status
 
@@ -125,7 +129,7 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
 
 
 def _explain_usage(error: click.UsageError) -> str:
-    text = error.format_message()
+    text = error.format_message().replace("\n\t", " ")
     if isinstance(error, click.MissingParameter) and error.param and error.param.name == "logs":
         text += " Give at least one CSV file."
     if error.ctx is not None:

@@ -25,6 +25,8 @@ from .parse import (
 )
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from fluidact_fit.logs import Log
     from fluidact_fit.parameters import ParameterDocument
 
@@ -37,6 +39,16 @@ _ROLE_OPTIONS = {
 }
 
 
+# Options of a fit and of reading a log that only --help-all shows: most logs need none of them.
+_RARE = {
+    "details", "as_json", "controller_sample_time", "scale", "sample_time", "step", "hold",
+    "unwrap", "exclude", "exclude_rows", "invalid", "set", "from_name", "decimal", "thousands",
+    "delimiter", "skip_rows", "header_row", "start", "bounds", "noise", "validate_window",
+    "accept_failed", "seed", "debug",
+}  # fmt: skip
+_ALL = "fluidact_fit_cli.help_all"
+
+
 class Option(click.Option):
     """An option that stands under a heading of the help."""
 
@@ -44,22 +56,57 @@ class Option(click.Option):
         super().__init__(*args, **kwargs)
         self.group = group
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
+        """What a shell offers as the value."""
+        from .completion import values_of
+
+        found = values_of(self.name or "", ctx, incomplete)
+        return found or super().shell_complete(ctx, incomplete)
+
 
 class Command(click.Command):
-    """A command whose help lists the options under headings."""
+    """A command whose help lists the options under headings.
+
+    One that reads logs shows the common ones with --help, and every one with --help-all.
+    """
+
+    def __init__(self, name: str | None, *, params: list[click.Parameter], **kwargs: Any) -> None:
+        self.is_short = any(param.name == "column" for param in params)
+        every = [*params, _help_all()] if self.is_short else params
+        super().__init__(name, params=every, **kwargs)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section per heading, in the order of the options."""
+        shown = [p for p in self.get_params(ctx) if not isinstance(p, click.Argument)]
+        if self.is_short and not ctx.meta.get(_ALL):
+            shown = [p for p in shown if p.name not in _RARE]
         groups: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
-            if isinstance(param, click.Argument):
-                continue
+        for param in shown:
             record = param.get_help_record(ctx)
             if record is not None:
                 groups.setdefault(getattr(param, "group", "Messages"), []).append(record)
         for title, records in groups.items():
             with formatter.section(title):
                 formatter.write_dl(records)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Say where the other options are."""
+        super().format_epilog(ctx, formatter)
+        rare = sum(param.name in _RARE for param in self.get_params(ctx))
+        if self.is_short and not ctx.meta.get(_ALL):
+            formatter.write_paragraph()
+            formatter.write_text(f"{rare} more options: {ctx.command_path} --help-all")
+
+
+def _help_all() -> click.Option:
+    def show(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+        if value and not ctx.resilient_parsing:
+            ctx.meta[_ALL] = True
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    return Option(["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=show,
+                  group="Messages", help="Show all options and exit.")  # fmt: skip
 
 
 def parsed(
@@ -100,7 +147,7 @@ VERBOSITY: list[click.Parameter] = [
         "--verbose",
         "-v",
         group="Messages",
-        help="Print more: every stage as it begins, and at the end where the time went.",
+        help="Print more: every stage as it begins, every log, and the time that each stage took.",
     ),
     DEBUG,
 ]
@@ -109,9 +156,9 @@ _READING = "Reading the log"
 # How columns become roles: what every command that reads logs has.
 READING: list[click.Parameter] = [
     assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
-               "The column of a role, by header or as #N, counted from 1. Default: the column "
-               "named like the role. Some of several logs may lack the column of an optional "
-               "role. Repeatable.", _READING),
+               "Column of a role, by header or by number (#1 is the first). Default: the "
+               "column named like the role. Repeatable. Some of several logs may lack the "
+               "column of an optional role.", _READING),
     assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
                "Unit of a role; overrides that of the header. Without either, SI.", _READING),
     assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
@@ -126,34 +173,34 @@ READING: list[click.Parameter] = [
            type=Parsed("START:END", "--window 0.5:3", parse_window),
            help="Part of the log to use, in seconds; either side may be empty."),
     assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
-               "How an input behaves between its samples: zoh is held, foh follows straight "
-               "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
-               "(zoh for a signal of two levels), and the file says which.", _READING),
+               "How an input moves between its samples: zoh (held), foh (straight lines) or "
+               "smooth (a smooth curve); auto chooses foh or smooth (zoh for a signal with two "
+               "levels), and the file says which.", _READING),
     assignment("--unwrap", "ROLE=TURN|none", "angle=360", parse_turn,
-               "What the column of an angle or a position begins again after, in its own numbers, "
-               "or none. Default: found where it is certain.", _READING),
+               "Where an angle or a position wraps around, in the numbers of its column, or "
+               "none. Default: detected where it is certain.", _READING),
     Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
-           help="Leave out runs (2 or 2,5), time=3:3.5 (seconds) or lines=120:130 of the file, of "
-           "all logs or of those whose name matches LOG (* stands for anything). Repeatable."),
+           help="Leave out runs (2 or 2,5), seconds (time=3:3.5) or lines of the file "
+           "(lines=120:130), of all logs or of those whose name matches LOG (* matches anything). "
+           "Repeatable."),
     Option(["--exclude-rows"], metavar="[LOG:]ROWS", multiple=True, group=_READING,
            help="Leave out rows of the data, counted from 1: 7, or 120:130, or both with a comma. "
            "Repeatable."),
     Option(["--invalid"], type=click.Choice(["drop", "refuse"]), group=_READING,
-           help="What becomes of rows with a missing or non-numeric cell in a column that is used: "
-           "drop leaves them out, each a gap in time. Default: refuse."),
+           help="Rows with a missing or non-numeric cell in a column that is used: drop leaves "
+           "them out, each a gap in time. Default: refuse the log."),
     Option(["--set"], metavar="[LOG:]ROLE=VALUE", multiple=True, group=_READING,
            help="A role that was constant, with its unit: --set 'a*.csv:position=25 %'. "
            "Repeatable."),
     assignment("--from-name", "ROLE=TEXT{UNIT}", "'position=kinked{%}'", parse_text,
-               "A constant that stands in the name of the file; --set is for files whose name "
-               "does not hold it.", _READING),
+               "A constant that is part of the file name; use --set where it is not.", _READING),
     parsed("--decimal", "SIGN", ",", parse_sign,
-           "Decimal sign, where the log does not show which it is.", _READING),
+           "Decimal separator, where the log leaves it open.", _READING),
     parsed("--thousands", "SIGN", "' '", parse_sign,
-           "Sign between thousands, in quotes if it is a blank.", _READING),
+           "Thousands separator, in quotes if it is a space.", _READING),
     parsed("--delimiter", "SIGN", "';'", parse_sign,
-           "What separates the columns: a sign, tab, or blank.", _READING),
-    parsed("--skip-rows", "N", "3", parse_count, "Lines at the top that are not looked at.",
+           "Column separator: a character, tab, or blank.", _READING),
+    parsed("--skip-rows", "N", "3", parse_count, "Lines to skip at the top.",
            _READING),
     parsed("--header-row", "N", "4", parse_count, "Line of the header, counted from 1.",
            _READING),

@@ -27,14 +27,30 @@ def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool
     ``targets`` maps options to paths; ``inputs`` are files that are read. ``UsageError`` when a
     name is unsuitable, taken or given twice, ``OutputError`` when its directory is not writable.
     """
+    check_places(targets, inputs)
+    refuse_existing(targets, force)
+
+
+def check_places(targets: Mapping[str, str], inputs: Iterable[str]) -> None:
+    """Do as :func:`check_targets`, but let files exist."""
     read = [part for path in inputs for part in _parts(path)]
     for option, path in targets.items():
         _check_name(option, path)
     refuse_outputs(targets.items(), read)
     for option, path in targets.items():
-        _check_place(option, path, force)
+        _check_place(option, path)
     if (invocation := _invocation()) is not None:
         invocation.read.extend(read)
+
+
+def refuse_existing(targets: Mapping[str, str], force: bool) -> None:
+    """Refuse to replace files without --force (``UsageError``)."""
+    for option, path in targets.items():
+        if os.path.isfile(path) and not force:
+            raise UsageError(
+                f"{path} already exists; not overwritten.",
+                remedy=f"Give --force to replace it, or another name with {option}.",
+            )
 
 
 def _parts(path: str) -> list[str]:
@@ -63,15 +79,10 @@ def _check_name(option: str, path: str) -> None:
         )
 
 
-def _check_place(option: str, path: str, force: bool) -> None:
+def _check_place(option: str, path: str) -> None:
     if names_directory(path) or os.path.isdir(path):
         raise UsageError(
             f"{option} {path} names a directory.", remedy="Give a file name inside it."
-        )
-    if os.path.isfile(path) and not force:
-        raise UsageError(
-            f"{path} exists already and was kept.",
-            remedy=f"Give --force to replace it, or another name with {option}.",
         )
     parent = os.path.dirname(os.path.realpath(path))
     if not os.path.isdir(parent):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,21 +16,32 @@ from fluidact_fit.families import family_names, family_title
 from .errors import Invocation, run_guarded
 from .options import DEBUG
 
-# Command, the module in ``commands``, and its line in the list.
-_COMMANDS = {
-    "inspect": "Show what is in a log, what is wrong with it, and which families fit it.",
-    "fit": "Find the family and the columns that fit a log, and fit it.",
-    "check": "Check whether a parameter file still describes the machine.",
-    "simulate": "Simulate a parameter file with the inputs of a log.",
-    "export": "Write a parameter file in the language of a controller.",
-    "compare": "Compare parameter files of one family, or logs.",
-    "report": "Write the page of a parameter file, beside another one.",
-    "check-consumer": "Compare a parameter file with what a controller reads.",
-    "design": "Design the next experiment from a parameter file.",
-    "batch": "Run many fits: a parameter file each, a summary of all.",
-    "demo": "Fit synthetic logs of every family, as an example.",
-    "schema": "Print the JSON Schema of the parameter file.",
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+# Commands beside the families by heading, each with its line; a module in ``commands`` each.
+_GROUPS = {
+    "Find out what a log is good for": {
+        "inspect": "Show what is in a log, what is wrong with it, and which families fit it.",
+        "fit": "Find the family and the columns that fit a log, and fit it.",
+    },
+    "Use parameter files": {
+        "check": "Check whether a parameter file still describes the machine.",
+        "compare": "Compare parameter files of one family, or logs.",
+        "simulate": "Simulate a parameter file with the inputs of a log.",
+        "design": "Design the next experiment from a parameter file.",
+        "report": "Write a web page of a parameter file, or of several compared.",
+        "export": "Export code or configuration for a controller.",
+        "check-consumer": "Compare a parameter file with what a controller reads.",
+    },
+    "Many fits, and help": {
+        "batch": "Run many fits: a parameter file each, a summary of all.",
+        "demo": "Fit synthetic logs of every family, as an example.",
+        "schema": "Print the JSON Schema of the parameter file.",
+        "completion": "Print the script that lets a shell complete commands and options.",
+    },
 }
+_COMMANDS = {name: line for group in _GROUPS.values() for name, line in group.items()}
 _EPILOG = """\b
 Examples:
   fluidact-fit line trial1.csv trial2.csv --unit inlet=bar --unit outlet=bar -o line.yaml
@@ -71,17 +84,28 @@ class Program(click.Group):
         known = ", ".join(self.list_commands(ctx))
         raise click.UsageError(f"there is no command {name!r}.{hint}\nCommands: {known}.", ctx)
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
+        """What a shell offers as the command; imports none of them."""
+        from click.shell_completion import CompletionItem
+
+        titles = {name: family_title(name) for name in family_names()} | _COMMANDS
+        found = [CompletionItem(name, help=title) for name, title in titles.items()]
+        return [item for item in found if item.value.startswith(incomplete)]
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from their one-line titles, importing none of them."""
         with formatter.section("Model families (fluidact-fit FAMILY LOG... -o FILE.yaml)"):
             formatter.write_dl([(name, family_title(name)) for name in family_names()])
-        with formatter.section("Other commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+        width = max(map(len, self.list_commands(ctx)))
+        for title, commands in _GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), line) for name, line in commands.items()])
 
 
 program = Program(
     "fluidact-fit",
-    help="System identification for fluid-powered actuators: CSV logs in, parameter files out.",
+    help="System identification for fluid-powered actuators: turn test-rig logs into "
+    "controller-ready parameters.",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     params=[DEBUG],
@@ -91,6 +115,11 @@ click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(
 
 def run(args: Sequence[str]) -> int:
     """Run the program with the words after its name and return its exit status."""
+    if shell := os.environ.get("_FLUIDACT_FIT_COMPLETE"):
+        from .completion import complete
+
+        complete(program, shell)
+        return 0
     invocation = Invocation(tuple(args))
     return run_guarded(lambda: _run(args, invocation), invocation)
 

@@ -1,4 +1,4 @@
-"""Results as text: numbers with their uncertainty, tables."""
+"""What people see: lines, tables, numbers with their uncertainty, colour."""
 
 from __future__ import annotations
 
@@ -7,28 +7,39 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from itertools import chain
 from typing import Any, TextIO
 
 import click
 
-from fluidact_fit.errors import Notice, OutputError, visible
-from fluidact_fit.notices import is_information
+from fluidact_fit.errors import OutputError, visible
 from fluidact_fit.tables import format_interval as format_interval
 from fluidact_fit.tables import format_number as format_number
 from fluidact_fit.tables import format_spread as format_spread
 
-_MOST_ROWS = 24  # of one list parameter
-_MANY_RUNS = 10  # more than fit on a screen beside the table
-_NAMED = 3  # logs of which the same is said
 _NARROWEST = 40  # columns of a terminal
+_INDENT = "  "
+_COLOURS = {
+    "PASS": "green", "WARN": "yellow", "FAIL": "red", "not identified": "yellow", "MOVED": "red",
+    "TOO LARGE": "red", "note": "cyan", "warning": "yellow", "error": "red",
+}  # fmt: skip
 
 
 def echo(text: str = "") -> None:
     """Print a line for people on standard output, if there is one."""
     _print(visible(text) + "\n")
+
+
+def echo_text(text: str, indent: str = "") -> None:
+    """Print a paragraph for people, wrapped to the width of a terminal."""
+    width = width_of(sys.stdout)
+    if width is None:
+        echo(text)
+        return
+    for line in visible(text).splitlines() or [""]:
+        echo(textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False,
+                           break_on_hyphens=False))  # fmt: skip
 
 
 def echo_result(text: str) -> None:
@@ -58,8 +69,13 @@ def tell(text: str, *, before: str = "", after: str = "\n") -> None:
 
     It is lost where standard error is closed or full: a result does not depend on it.
     """
+    tell_painted(before + visible(text), after)
+
+
+def tell_painted(text: str, after: str = "\n") -> None:
+    """Print text on standard error that is fit to be seen, and may be coloured."""
     try:
-        click.echo(before + visible(text) + after, nl=False, err=True)
+        click.echo(text + after, nl=False, err=True)
     except OSError:
         drop(sys.stderr)
 
@@ -72,16 +88,102 @@ def drop(stream: TextIO | None) -> None:
         os.close(nowhere)
 
 
-def echo_table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
-    """Print a table, columns aligned; ``right`` lists right-aligned columns."""
+def is_terminal(stream: TextIO | None) -> bool:
+    """Whether people watch a stream that can move its cursor."""
+    return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def width_of(stream: TextIO | None) -> int | None:
+    """Columns of a terminal; ``None`` where lines may be of any length."""
+    if stream is None or not stream.isatty():
+        return None
+    return max(shutil.get_terminal_size().columns - 1, _NARROWEST)
+
+
+def paint(text: str, stream: TextIO | None = None) -> str:
+    """Return text that is fit to be seen, in its colour where it has one and there is a terminal.
+
+    ``NO_COLOR`` and ``TERM=dumb`` are respected.
+    """
+    colour = _COLOURS.get(text.strip())
+    if colour is None or os.environ.get("NO_COLOR") or not is_terminal(stream or sys.stdout):
+        return text
+    return click.style(text, fg=colour, bold=True)
+
+
+def echo_painted(*parts: str) -> None:
+    """Print parts of a line, each in the colour of its word."""
+    _print("".join(paint(visible(part)) for part in parts) + "\n")
+
+
+def echo_table(
+    rows: Sequence[Sequence[str]], right: Sequence[int] = (), drop: Sequence[int] = ()
+) -> list[str]:
+    """Print a table with a heading, columns aligned; columns without an entry are left out.
+
+    ``right`` lists right-aligned columns, ``drop`` those that a narrow terminal does without, the
+    first one first. Where the others do not fit, the first column has lines of its own, or every
+    row becomes a block of lines. Return the headings of the columns that were dropped.
+    """
     shown = [[visible(cell).replace("\n", "\\n") for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*shown)]
-    for row in shown:
-        cells = [
-            cell.rjust(width) if i in right else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(row, widths))
-        ]
-        echo("  ".join(cells).rstrip())
+    kept = [i for i in range(len(widths)) if i == 0 or any(row[i] for row in shown[1:])]
+    limit, every = width_of(sys.stdout) or sys.maxsize, kept
+    kept = _fitting(every, widths, limit, drop)
+    stacked = [0, *_fitting(every[1:], widths, limit - len(_INDENT), drop)]
+    if _width(kept, widths) <= limit:
+        for row in shown:
+            _echo_row(row, kept, widths, right)
+    elif _width(stacked[1:], widths) + len(_INDENT) <= limit:
+        kept = stacked
+        for row in shown:
+            echo(row[0])
+            _echo_row(row, kept[1:], widths, right, _INDENT)
+    else:
+        for row in shown[1:]:
+            _echo_block(shown[0], row, limit)
+        return []
+    return [shown[0][i] for i in every if i not in kept]
+
+
+def _fitting(
+    columns: Sequence[int], widths: Sequence[int], limit: int, drop: Sequence[int]
+) -> list[int]:
+    """Columns less as many of those to drop as have to go."""
+    kept = list(columns)
+    for column in drop:
+        if column in kept and _width(kept, widths) > limit:
+            kept.remove(column)
+    return kept
+
+
+def _width(kept: Sequence[int], widths: Sequence[int]) -> int:
+    return sum(widths[i] for i in kept) + len(_INDENT) * (len(kept) - 1)
+
+
+def _echo_row(
+    row: Sequence[str], kept: Sequence[int], widths: Sequence[int], right: Sequence[int],
+    indent: str = "",
+) -> None:  # fmt: skip
+    parts = [indent]
+    for i in kept:
+        parts += [row[i].rjust(widths[i]) if i in right else row[i].ljust(widths[i]), _INDENT]
+    while parts and not parts[-1].strip():
+        parts.pop()
+    echo_painted(*parts[:-1], *(part.rstrip() for part in parts[-1:]))
+
+
+def _echo_block(heading: Sequence[str], row: Sequence[str], width: int) -> None:
+    """Print a row as lines of heading and cell."""
+    echo(row[0])
+    wide = max(map(len, heading[1:]), default=0)
+    for name, cell in zip(heading[1:], row[1:]):
+        first = f"{_INDENT}{name:{wide}}{_INDENT}"
+        if cell and len(cell) + len(first) <= width:
+            echo_painted(first, cell)
+        elif cell:
+            echo(textwrap.fill(cell, width, initial_indent=first,
+                               subsequent_indent=" " * len(first)))  # fmt: skip
 
 
 def echo_json(document: Any) -> None:
@@ -92,103 +194,3 @@ def echo_json(document: Any) -> None:
 def json_text(document: Any) -> str:
     """Return a document as JSON in ASCII, so that no encoding can spoil it."""
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
-
-
-def echo_notices(notices: Iterable[Notice]) -> None:
-    """Print notes and warnings on standard error, what is said alike of several logs once.
-
-    On a terminal they are wrapped to its width.
-    """
-    together: dict[tuple[str, str], list[str]] = {}
-    for notice in notices:
-        name, colon, rest = notice.message.partition(": ")
-        of_log = bool(colon) and " " not in name
-        names = together.setdefault((notice.code, rest if of_log else notice.message), [])
-        names += [name] * of_log
-    for (code, message), names in together.items():
-        word = "note" if is_information(code) else "warning"
-        where = f"{_listed(names)}: " if names else ""
-        tell(_wrapped(f"{word} ({code}): {where}{message}"))
-
-
-def _listed(names: Sequence[str]) -> str:
-    """The first few of several names."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _wrapped(text: str) -> str:
-    if not sys.stderr or not sys.stderr.isatty():
-        return text
-    width = max(shutil.get_terminal_size().columns - 1, _NARROWEST)
-    lines = (textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False,
-                           break_on_hyphens=False) for line in text.splitlines())  # fmt: skip
-    return "\n".join(chain.from_iterable(lines))
-
-
-def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
-    """Return the rows of a table of parameters, lists one entry per row."""
-    rows: list[list[str]] = []
-    for name, entry in quantities.items():
-        value, spread, interval = entry["value"], entry.get("std_error"), entry.get("ci95")
-        if not isinstance(value, list):
-            rows.append(_row(name, value, spread, interval, entry))
-        elif isinstance(value[0], list) or len(value) > _MOST_ROWS:
-            shape = f"{len(value)} x {len(value[0])}" if isinstance(value[0], list) else len(value)
-            rows.append([name, f"{shape} numbers", "", entry["unit"], "", entry.get("status", "")])
-        else:
-            for i, number in enumerate(value):
-                one = spread[i] if isinstance(spread, list) else None
-                ends = interval[i] if isinstance(interval, list) else None
-                rows.append(_row(f"{name}[{i}]", number, one, ends, entry))
-    return rows
-
-
-def _row(name: str, value: float, spread: Any, ends: Any, entry: Mapping[str, Any]) -> list[str]:
-    return [
-        name,
-        format_number(value, spread),
-        f"± {format_spread(spread)}" if spread else "",
-        entry["unit"],
-        format_interval(ends, spread),
-        str(entry.get("status") or "").replace("_", " "),
-    ]
-
-
-def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
-    """Print the parameters of a document, and how well they fit."""
-    from fluidact_fit.outcome import percent_text
-
-    head = ["parameter", "value", "std error", "unit", "95 % interval", "status"]
-    rows = quantity_rows(document["parameters"])
-    if verbose and document.get("derived"):
-        rows += quantity_rows(
-            {k: {"status": "derived", **v} for k, v in document["derived"].items()}
-        )
-    echo_table([head, *rows], right=(1,))
-    fit = document["fit"]
-    percent, rmse = fit.get("fit_percent"), fit["rmse"]
-    agreement = "" if percent is None else f"fit {percent_text(percent)}   "
-    echo(
-        f"\n{agreement}rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   "
-        f"verdict {fit['verdict'].upper()}"
-    )
-    logs = fit.get("logs", [])
-    if len(logs) > _MANY_RUNS and not verbose:
-        worst = min(logs, key=lambda entry: entry.get("fit_percent", 100.0))
-        echo(f"{len(logs)} runs (-v lists them all), the worst of them:")
-        _echo_logs("fitted", [worst])
-    elif verbose or len(logs) > 1:
-        _echo_logs("fitted", logs)
-    _echo_logs("validation", document.get("validation", []))
-
-
-def _echo_logs(kind: str, entries: Sequence[Mapping[str, Any]]) -> None:
-    from fluidact_fit.outcome import percent_text
-
-    for entry in entries:
-        percent = entry.get("fit_percent")
-        shown = "" if percent is None else f"fit {percent_text(percent)}, "
-        rmse = entry.get("rmse")
-        error = "" if rmse is None else f"rmse {rmse['value']:.4g} {rmse['unit']}"
-        echo(f"{kind} {entry['file']}: {shown}{error}")

@@ -14,6 +14,7 @@ References
 from __future__ import annotations
 
 import html
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot
@@ -105,22 +106,23 @@ class Comparison:
     def table(self) -> Table:
         """Return every parameter of every file, as a table that shows itself."""
         head = ["parameter", "unit"]
-        for k, name in enumerate(self.files):
-            head += [Path(name).stem, *(["differs by"] if k else [])]
+        for k, name in enumerate(_distinct(self.files)):
+            head += [name, *(["std errors"] if k else [])]
         rows = []
         for p in self.parameters:
             row = [p.name, p.unit]
             every = zip(p.values, p.std_errors, p.statuses, p.deviations)
             for k, (value, error, status, z) in enumerate(every):
                 row.append(_number(value, error, status))
-                row += [("" if z is None else f"{z:+.1f} std errors")] if k else []
+                row += [("" if z is None else f"{z:+.1f}")] if k else []
             rows.append(tuple(row))
         return Table(tuple(head), tuple(rows))
 
     @property
     def conclusions(self) -> tuple[str, ...]:
         """What all parameters of each file say together, for people."""
-        return tuple(t.words for t in self.together)
+        scale = "Differences are in standard errors of the difference."
+        return (scale, *(t.words for t in self.together))
 
     def summary(self) -> str:
         """Return the table, and what all parameters say together, as text."""
@@ -336,7 +338,8 @@ class Recordings:
         tables = [{column_key(c): c for c in log["columns"]} for log in self.logs]
         for key in dict.fromkeys(k for table in tables for k in table):
             rows.append([key, *(_range(table.get(key)) for table in tables)])
-        return Table(("", *(log["file"] for log in self.logs)), tuple(map(tuple, rows)))
+        head = ("", *_distinct([log["file"] for log in self.logs]))
+        return Table(head, tuple(map(tuple, rows)))
 
     def summary(self) -> str:
         """Return the table, and where the logs differ, as text."""
@@ -350,7 +353,25 @@ class Recordings:
     @property
     def conclusions(self) -> tuple[str, ...]:
         """Where the logs differ, for people."""
-        return self.findings or ("nothing differs in columns, units, ranges and sampling",)
+        if not self.findings:
+            return ("nothing differs in columns, units, ranges and sampling",)
+        files = [log["file"] for log in self.logs]
+        findings = list(self.findings)
+        for path, name in zip(files, _distinct(files)):
+            findings = [finding.replace(path, name) for finding in findings]
+        return tuple(findings)
+
+
+def _distinct(paths: Sequence[str]) -> Sequence[str]:
+    """Names of files without the folders that they have in common."""
+    names = [Path(path).name for path in paths]
+    if len(set(names)) == len(names) or len(set(paths)) < len(paths):
+        return names
+    try:
+        common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])
+        return [os.path.relpath(path, common) for path in paths]
+    except ValueError:  # on several drives
+        return paths
 
 
 def _range(column: Mapping[str, Any] | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -82,11 +83,19 @@ def load_dataset(family: str) -> Dataset:
     )
 
 
-def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: bool = False) -> int:
+def run_demo(
+    directory: str | Path,
+    echo: Callable[[str], None],
+    *,
+    overwrite: bool = False,
+    progress: Callable[[str], None] | None = None,
+    table: Callable[[Sequence[Sequence[str]]], object] | None = None,
+) -> int:
     """Fit all families and write a parameter file and a picture of each into a directory.
 
     Returns 0 when every true value lies within four standard errors of its estimate, else 1.
-    ``echo`` takes one line of text at a time; ``overwrite`` allows files to be replaced.
+    ``echo`` takes one line of text at a time; ``overwrite`` allows files to be replaced. Where
+    ``progress`` is given it takes the messages of the fits, and ``table`` the rows of the result.
 
     Raises
     ------
@@ -100,7 +109,7 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
     rows: list[Row] = []
     for name in family_names():
         dataset = load_dataset(name)
-        echo(f"fitting {name} ({len(dataset.logs)} logs)")
+        (progress or echo)(f"fitting {name} ({len(dataset.logs)} logs)")
         result = fit(name, dataset.read(), **dataset.options)
         result.save(directory / f"{name}.yaml", overwrite=overwrite)
         save_figure(plot_result(result), directory / f"{name}.png")
@@ -112,7 +121,12 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
         )
     else:
         found = f"all {number} true values lie within {ALLOWED:g} standard errors"
-    for line in ("", *format_table(rows), "", f"parameter files and pictures: {directory}", found):
+    every = [[*_HEADER, ""], *([*row.cells, "" if row.good else "<- missed"] for row in rows)]
+    if table is None:
+        table = partial(_echo_table, echo)
+    echo("")
+    table(every)
+    for line in ("", f"parameter files and pictures: {directory}", found):
         echo(line)
     return int(missed > 0)
 
@@ -175,18 +189,13 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
     present = [name for name in names if (directory / name).exists()]
     if present:
         raise OutputError(
-            f"{present[0]} exists already",
+            f"{present[0]} already exists",
             where=str(directory),
             remedy="Give another directory, or remove the files of the earlier run.",
         )
 
 
-def format_table(rows: Sequence[Row]) -> list[str]:
-    """Return the lines of the table, the header first."""
-    every = [_HEADER, *(row.cells for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*every)]
-    marks = ["", *("" if row.good else "<- missed" for row in rows)]
-    return [
-        "  ".join([*(f"{c:<{w}}" for c, w in zip(cells, widths)), mark]).rstrip()
-        for cells, mark in zip(every, marks)
-    ]
+def _echo_table(echo: Callable[[str], None], rows: Sequence[Sequence[str]]) -> None:
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    for cells in rows:
+        echo("  ".join(f"{c:<{w}}" for c, w in zip(cells, widths)).rstrip())

@@ -97,21 +97,20 @@ class FitResult(Outcome):
         return self.document.model_copy(update={"accepted_failed": True})
 
     def raise_for_notices(self) -> None:
-        """Refuse a fit of which anything is to be said, as ``strict`` does.
+        """Refuse a fit that has warnings, as ``strict`` does; notes inform only.
 
         Raises
         ------
         StrictError
-            When there is a warning or a note.
+            When there is a warning.
         """
-        if not self.notices:
+        warnings = [n for n in self.notices if not is_information(n.code)]
+        if not warnings:
             return
-        notes = sum(is_information(n.code) for n in self.notices)
-        counts = ((len(self.notices) - notes, "warning"), (notes, "note"))
-        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
+        count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
         raise StrictError(
-            f"{count} under --strict, nothing was written:",
-            expected="\n".join(f"  {n.code}: {n.message}" for n in self.notices),
+            f"{count} under --strict; nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in warnings),
             remedy="Remove the causes, or run without --strict.",
         )
 

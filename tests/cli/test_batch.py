@@ -124,7 +124,7 @@ def test_a_summary_of_somebody_else_is_kept(fleet: Path, here: Run) -> None:
     (fleet / "summary.csv").write_text("mine", encoding="utf-8")
     done = here("batch", fleet / "jobs.csv", "-o", fleet)
     assert done.status == 2
-    assert "exists already" in done.err
+    assert "already exists" in done.err
     assert (fleet / "summary.csv").read_text(encoding="utf-8") == "mine"
 
 
@@ -134,7 +134,7 @@ def test_a_parameter_file_of_somebody_else_is_kept(fleet: Path, apart: Run) -> N
     assert apart("batch", fleet / "jobs.csv", "-o", fleet / "out").status == 0
     assert (fleet / "out" / "one.yaml").read_text(encoding="utf-8") == "mine"
     table = pd.read_csv(fleet / "out" / "summary.csv", index_col="job")
-    assert "exists already" in table.loc["one", "message"]
+    assert "already exists" in table.loc["one", "message"]
     (fleet / "out" / "one.yaml").unlink()
     (fleet / "one.html").unlink(missing_ok=True)
     assert apart("batch", fleet / "jobs.csv", "-o", fleet / "out").status == 0

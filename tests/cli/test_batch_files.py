@@ -117,7 +117,7 @@ def test_pictures_that_jobs_name(inside: Path, valve: Log, apart: Run) -> None:
     before = _content(inside)
     said = {
         "one": "written by job two as well", "two": "written by job one as well",
-        "mine": "exists already", "log": "", "page": "a file of this batch", "other": "",
+        "mine": "already exists", "log": "", "page": "a file of this batch", "other": "",
     }  # fmt: skip
     for _ in range(2):
         done = apart("batch", "jobs.csv", "-o", "out", "--workers", "2", cwd=inside)

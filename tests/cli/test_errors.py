@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -131,10 +132,43 @@ def test_progress(
     assert shown in text if shown else text == ""
     if terminal and shown:
         assert text.endswith("\r\x1b[K")
-    if not options and not terminal:
-        progress.last -= 3.0
-        progress("later")
-        assert stream.getvalue().startswith("later ... (")
+
+
+def test_progress_goes_on_while_a_stage_lasts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from fluidact_fit_cli import progress as module
+
+    drawn = threading.Event()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(module, "_TICK", 0.01)
+    monkeypatch.setenv("COLUMNS", "45")
+    progress = module.Progress(stages=("reading", "fitting", "writing"))
+    monkeypatch.setattr(progress, "_draw", lambda draw=progress._draw: (draw(), drawn.set()))
+    progress("reading")
+    progress("fitting")
+    progress("comparing speed and acceleration of everything too")
+    drawn.clear()
+    assert drawn.wait(10.0)
+    progress.close()
+    *lines, last = capsys.readouterr().err.split("\r\x1b[K")[1:]
+    assert last == ""
+    assert lines[0].startswith("1/3 reading ... 0.")
+    assert any(line.startswith("2/3 comparing speed") for line in lines)
+    assert max(map(len, lines)) < 45
+
+
+def test_a_batch_shows_lines_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from fluidact_fit_cli.progress import Progress
+
+    progress = Progress(lines=True)
+    progress("first")
+    progress.last -= 3.0
+    progress("later")
+    progress.close()
+    assert capsys.readouterr().err.startswith("later ... (")
 
 
 def test_an_ascii_terminal_is_no_fault(inside: Path, valve: Callable[..., Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import pytest
 
 from fluidact_fit import read_document
 from fluidact_fit.errors import Notice
-from fluidact_fit_cli.show import echo_notices
+from fluidact_fit_cli.messages import echo_notices
 
 Run = Callable[..., Any]
 Log = Callable[..., Path]
@@ -97,10 +98,12 @@ def test_one_log_has_one_fit_percentage(here: Run, inside: Path) -> None:
 
 def test_notes_are_no_warnings_and_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     said = [Notice("unit-assumed", f"{name}.csv: no unit was found.") for name in "abcde"]
-    echo_notices([*said, Notice("weak-fit", "the model misses: look at it.")])
+    echo_notices([*said, Notice("poor-fit", "the model misses 1.5 of 2. Look at it.\nGive more.")])
     assert capsys.readouterr().err.splitlines() == [
+        "warning (poor-fit): the model misses 1.5 of 2.",
+        "  Look at it.",
+        "  Give more.",
         "note (unit-assumed): a.csv, b.csv, c.csv and 2 more: no unit was found.",
-        "warning (weak-fit): the model misses: look at it.",
     ]
 
 
@@ -109,8 +112,12 @@ def test_a_terminal_has_them_wrapped(
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "60")
-    echo_notices([Notice("weak-fit", "the model misses the output. " * 5)])
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) > 2
-    assert max(map(len, lines)) < 60
-    assert all(line.startswith("  ") for line in lines[1:])
+    for colour in (True, False):
+        monkeypatch.setenv("NO_COLOR", "" if colour else "1")
+        echo_notices([Notice("poor-fit", "the model misses the output. " * 5)])
+        text = capsys.readouterr().err
+        assert ("\x1b[33m" in text) is colour
+        lines = re.sub("\x1b\\[[0-9]+m", "", text).splitlines()
+        assert len(lines) > 2
+        assert max(map(len, lines)) < 60
+        assert all(line.startswith("  ") for line in lines[1:])

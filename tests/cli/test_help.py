@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -34,7 +35,8 @@ def command(name: str) -> click.Command:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_command_has_help_and_every_option_too(name: str, here: Callable[..., Any]) -> None:
-    done = here(name, "--help")
+    every = "--help-all" if any(p.name == "column" for p in command(name).params) else "--help"
+    done = here(name, every)
     assert done.status == 0
     assert done.err == ""
     assert name in done.out.splitlines()[0]
@@ -46,7 +48,7 @@ def test_command_has_help_and_every_option_too(name: str, here: Callable[..., An
 
 @pytest.mark.parametrize("name", family_names())
 def test_family_help_is_generated_from_the_family(name: str, here: Callable[..., Any]) -> None:
-    family, text = get_family(name), here(name, "--help").out
+    family, text = get_family(name), here(name, "--help-all").out
     assert family_title(name) == family.title
     assert family.title in " ".join(text.split())
     for variant in family.variants:
@@ -58,6 +60,21 @@ def test_family_help_is_generated_from_the_family(name: str, here: Callable[...,
     for option in describe(family.options_type):
         assert f"--{option.name}" in text
     assert {o for p in command(name).params for o in p.opts} >= FIT_OPTIONS
+
+
+def test_help_is_short_and_says_where_the_rest_is(here: Callable[..., Any]) -> None:
+    text = here("line", "--help").out
+    shown = set(re.findall(r"^  (?:-[a-z], )?--([a-z-]+)", text, re.MULTILINE))
+    own = {option.name for option in describe(get_family("line").options_type)}
+    assert shown - own - {"quiet", "verbose", "help-all", "help"} == {
+        "output", "force", "column", "unit", "window", "fix", "validate", "plot", "report",
+        "strict",
+    }  # fmt: skip
+    every = here("line", "--help-all").out
+    more = len(re.findall(r"^  (?:-[a-z], )?--", every, re.MULTILINE)) - len(
+        re.findall(r"^  (?:-[a-z], )?--", text, re.MULTILINE)
+    )
+    assert text.endswith(f"{more} more options: fluidact-fit line --help-all\n")
 
 
 def test_group_help_lists_all_commands(here: Callable[..., Any]) -> None:

@@ -90,7 +90,7 @@ def test_an_unknown_option_is_refused_alike(
 def test_help_and_description_name_the_same_options(trial: Any, here: Callable[..., Any]) -> None:
     from fluidact_fit.options import describe
 
-    text = here(trial.family, "--help").out
+    text = here(trial.family, "--help-all").out
     for option in describe(ff.get_family(trial.family).options_type):
         assert f"--{option.name}" in text
         assert option.help

@@ -119,7 +119,7 @@ def test_existing_files_are_kept_unless_told_otherwise(edited: Edited, tmp_path:
     (folder / "edited.mat").mkdir(parents=True)
     (folder / "edited.mat").rmdir()
     (folder / "edited.mat").write_text("mine")
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="already exists"):
         export([path], "matlab", folder)
     assert [p.name for p in folder.iterdir()] == ["edited.mat"]
     assert (folder / "edited.mat").read_text() == "mine"

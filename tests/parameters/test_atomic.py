@@ -35,7 +35,7 @@ def test_writes_text_and_bytes(tmp_path):
 def test_an_existing_file_is_kept(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("old")
-    with pytest.raises(OutputError, match="exists already") as caught:
+    with pytest.raises(OutputError, match="already exists") as caught:
         write_atomically(path, "new")
     assert "--force" in caught.value.remedy
     assert path.read_text() == "old"
@@ -135,7 +135,7 @@ def test_several_files_are_written_all_or_none(tmp_path):
     ]  # fmt: skip
     assert old.read_text() == "before"
     del contents[str(tmp_path / "folder")]
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="already exists"):
         write_together(contents)
     assert not new.exists()
     assert write_together(contents, overwrite=True) == [new, old, link]
@@ -205,7 +205,7 @@ def test_a_file_that_appears_meanwhile_is_kept(tmp_path, monkeypatch, hard_links
         assert write_atomically(tmp_path / "b.yaml", "whole").read_text() == "whole"
         (tmp_path / "b.yaml").unlink()
     _taken_meanwhile(monkeypatch, path)
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="already exists"):
         write_atomically(path, "mine")
     assert path.read_text() == "theirs"
     assert os.listdir(tmp_path) == ["a.yaml"]

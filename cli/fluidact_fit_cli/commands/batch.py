@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,11 @@ import click
 
 from fluidact_fit.errors import StrictError, UsageError
 
+from ..messages import tell_message
 from ..options import VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..progress import Progress
-from ..show import echo, echo_table, tell
+from ..show import echo, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
@@ -64,14 +66,14 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     JOBS is CSV, or YAML with the same keys, one row a parameter file FOLDER/JOB.yaml:
       job      its name
       family   valve, line, ...
-      logs     paths or patterns, separated by ; and seen from the folder of JOBS
+      logs     paths or patterns, separated by ; and relative to the folder of JOBS
       options  as on the command line, without -o
 
     FOLDER/summary.csv and summary.parquet have one row a job (status, exit status, verdict,
     every number with its standard error, message), FOLDER/index.html shows them, FOLDER/logs
-    keeps what every job said. Run again, it goes on where it stopped: a finished job with the
-    same logs, options and version is not run again. A job that fails stops no other, and the
-    exit status is 0 when every job has an outcome.
+    keeps the messages of every job. Run the same command again to resume: finished
+    jobs with the same logs, options and version are not repeated. A job that fails does not stop
+    the others, and the exit status is 0 when every job has an outcome.
 
     \b
     Examples:
@@ -87,25 +89,30 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     jobs, base = _jobs(jobs_file, target, params)
     _check_folder(target, params["force"])
     with (
-        closing(Progress(params["quiet"], params["verbose"])) as progress,
+        closing(Progress(params["quiet"], params["verbose"], lines=True)) as progress,
         _pool(params, progress) as pool,
     ):
-        note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
+        note_written([folder])  # an interrupted batch keeps what it has, and resumes from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
             source=Path(jobs_file) if jobs_file else None, asked_by=asked_by,
-            warn=lambda text: tell(f"warning: {text}"),
+            warn=partial(_warn, progress),
         )  # fmt: skip
     written = [str(path) for path in write_summary(jobs, outcomes, target)]
     failed = sum(outcome.exit != 0 for outcome in outcomes)
     if not params["quiet"]:
         _show([outcome.status for outcome in outcomes])
-        echo("written to " + ", ".join(written))
+        echo_text("written to " + ", ".join(written), "  ")
     if failed and params["strict"]:
         raise StrictError(
             f"{failed} of {len(jobs)} jobs have no parameter file.",
             remedy=f"See {target / 'index.html'}, or what each said in {target / 'logs'}.",
         )
+
+
+def _warn(progress: Progress, text: str) -> None:
+    progress.clear()
+    tell_message("warning", text)
 
 
 def _jobs(jobs_file: str | None, folder: Path, params: Any) -> tuple[list[Job], Path]:
@@ -117,8 +124,8 @@ def _jobs(jobs_file: str | None, folder: Path, params: Any) -> tuple[list[Job], 
              if params[name]]  # fmt: skip
     if jobs_file is not None:
         if alike:
-            raise UsageError(f"{alike[0]} makes jobs, and JOBS lists them already.",
-                             remedy="Give one of both.")  # fmt: skip
+            raise UsageError(f"{alike[0]} defines jobs, and JOBS lists them already.",
+                             remedy="Give only one of them.")  # fmt: skip
         return read_jobs(jobs_file), Path(jobs_file).parent
     if not (params["family"] and params["logs"]):
         raise UsageError(
@@ -141,7 +148,7 @@ def _check_folder(folder: Path, force: bool) -> None:
     for name in SUMMARY:
         if (folder / name).exists():
             raise UsageError(
-                f"{folder / name} exists already and is of no batch here; it was kept.",
+                f"{folder / name} already exists and is not from a batch; not overwritten.",
                 remedy="Give another folder with -o, or --force to replace it.",
             )
 
@@ -155,8 +162,8 @@ def _pool(params: Any, progress: Progress) -> Iterator[Pool]:
     scheduler, cluster = params["scheduler"], params["cluster"]
     if scheduler and (cluster or params["workers"]):
         other = "--cluster" if cluster else "--workers"
-        raise UsageError(f"--scheduler has workers of its own, and {other} is given.",
-                         remedy="Give one of both.")  # fmt: skip
+        raise UsageError(f"--scheduler brings its own workers; {other} cannot be combined with it.",
+                         remedy="Give only one of them.")  # fmt: skip
     workers = params["workers"] or os.cpu_count() or 1
     if scheduler is not None or cluster:
         with dask_pool(scheduler, cluster, workers, progress) as pool:

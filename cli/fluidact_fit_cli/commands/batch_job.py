@@ -20,12 +20,12 @@ from fluidact_fit.families import family_names
 from fluidact_fit.files import shell_command
 
 from ..errors import Invocation, explain, silenced
-from ..show import echo_parameters
+from ..parameter_table import echo_parameters
 from .fit_family import make_command, targets_of
 
 # A thread of a worker with several waits: folder and standard streams are those of a process.
 _ALONE = threading.Lock()
-_OURS = ("--output", "--json", "--help", "--")
+_OURS = ("--output", "--json", "--help", "--help-all", "--")
 _SHORT = re.compile("-[fqv]*[oh]")  # -o or -h, behind others as in -qo as well
 
 

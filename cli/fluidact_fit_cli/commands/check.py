@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .. import options
+from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_notices, echo_table, format_number, format_spread
+from ..show import echo, echo_json, echo_table, format_number, format_spread
 
 if TYPE_CHECKING:
     from fluidact_fit.check import Check, Drift
+
+_STAGES = ("reading", "simulating", "fitting again")
 
 
 @click.command(
@@ -42,7 +45,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
     document = options.read_params(params_file, logs)
     options.check_role_names(params, [role.name for role in variant_of(document).roles])
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with closing(Progress(params["quiet"], params["verbose"], stages=_STAGES)) as progress:
         progress("reading")
         found = check(document, list(logs), progress=progress, **options.reading(params))
     if not params["quiet"]:
@@ -66,8 +69,9 @@ def _show(found: Check) -> None:
     echo_table([head, *rows], right=(1, 2, 3))
     if found.drifts:
         echo()
-        head = ["parameter", "file", "now", "std error", "unit", "moved", "", ""]
-        echo_table([head, *(_drift_row(d) for d in found.drifts)], right=(1, 2, 5))
+        head = ["parameter", "file", "now", "std error", "unit", "std errors", "moved by", ""]
+        rows = [_drift_row(drift) for drift in found.drifts]
+        echo_table([head, *rows], right=(1, 2, 5, 6), drop=(4, 3))
     if found.fits:
         echo("\nthe model still fits")
 
@@ -81,7 +85,7 @@ def _drift_row(drift: Drift) -> list[str]:
         format_number(drift.now, drift.combined_error),
         f"± {format_spread(drift.combined_error)}",
         drift.unit,
-        f"{drift.sigmas:.1f} std errors",
+        f"{drift.sigmas:.1f}",
         "" if drift.percent is None else percent_text(drift.percent, "+.2f"),
         "MOVED" if drift.moved else "",
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import click
@@ -10,7 +11,8 @@ from fluidact_fit.families import family_names, get_family
 
 from .. import options
 from ..errors import Invocation
-from ..show import echo, echo_json, echo_table
+from ..progress import Progress
+from ..show import echo, echo_json, echo_table, echo_text
 
 
 class _Compare(options.Command):
@@ -81,7 +83,9 @@ def command(
         return
     from fluidact_fit.comparison import compare
 
-    found = compare(*files, **options.reading(params))
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        found = compare(*files, **options.reading(params))
     if as_json:
         echo_json(found.to_dict())
     elif not params["quiet"]:
@@ -89,4 +93,4 @@ def command(
         echo_table([table.head, *table.rows])
         echo()
         for line in found.conclusions:
-            echo(line)
+            echo_text(line, "  ")

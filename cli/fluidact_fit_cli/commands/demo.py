@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
 
 from ..options import DEBUG, Command
-from ..show import echo
+from ..progress import Progress
+from ..show import echo_table, echo_text
 
 
 @click.command(
@@ -25,4 +28,14 @@ def command(directory: str) -> int:
     """
     from fluidact_fit.demo import run_demo
 
-    return run_demo(Path(directory), echo)
+    with closing(Progress(lines=True)) as progress:
+
+        def show(line: str) -> None:
+            progress.close()  # nothing is fitted any more
+            echo_text(line)
+
+        def show_table(rows: Sequence[Sequence[str]]) -> None:
+            progress.close()
+            echo_table(rows, drop=(5, 2))
+
+        return run_demo(Path(directory), show, progress=progress, table=show_table)

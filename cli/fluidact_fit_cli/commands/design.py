@@ -14,7 +14,15 @@ from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_optio
 from ..outputs import check_targets, write_all
 from ..parse import parse_positive, parse_range, parse_seconds
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, format_interval, format_number, format_spread
+from ..show import (
+    echo,
+    echo_json,
+    echo_table,
+    echo_text,
+    format_interval,
+    format_number,
+    format_spread,
+)
 
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design, Forecast
@@ -89,19 +97,21 @@ def command(
 
 
 def _show(found: Design, output: str | None, verbose: bool) -> None:
-    echo(f"{found.family}: {found.description}\n")
+    echo_text(f"{found.family}: {found.description}", "  ")
+    echo()
     head = ["parameter", "value", "unit", "present", "predicted", "ratio",
             "present 95 %", "predicted 95 %"]  # fmt: skip
-    echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5))
-    echo(f"\nbinding limits: {', '.join(found.binding)}")
+    echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5), drop=(7, 6, 2))
+    echo()
+    echo_text(f"binding limits: {', '.join(found.binding)}", "  ")
     for note in found.notes:
-        echo(f"- {note}")
+        echo_text(f"- {note}", "  ")
     if verbose and found.candidates:
         echo("\nbest of each shape, with its worst relative standard error:")
         for c in found.candidates:
             worst = "" if c.worst_relative is None else f"{100.0 * c.worst_relative:.3g} %"
             echo(f"  {worst:>9}  {c.description}")
-    echo(f"written to {output}" if output else "not written; give -o next.csv")
+    echo(f"written to {output}" if output else "Not saved. Add -o next.csv to save it.")
 
 
 def _row(f: Forecast) -> list[str]:

@@ -8,11 +8,12 @@ from typing import Any
 
 import click
 
+from ..messages import tell_message
 from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
-from ..show import echo, tell
+from ..show import echo
 
-_ACCEPTED = "What the fit does not vouch for"
+_ACCEPTED = "Overriding safety checks"
 
 
 @click.command(
@@ -42,7 +43,7 @@ _ACCEPTED = "What the fit does not vouch for"
 def command(
     params_files: tuple[str, ...], to: str, folder: str, accepted: tuple[str, ...], **params: Any
 ) -> None:
-    """Write the parameter files PARAMS in the language of a controller.
+    """Export code or configuration for a controller from the parameter files PARAMS.
 
     \b
     c       NAME.h, NAME.c: what a controller calls; NAME_selftest.c
@@ -85,6 +86,6 @@ def command(
             echo(str(path))
         for file in [controller] if controller else params_files:
             if note := renamed(file):
-                tell(note, before="note: ")
+                tell_message("note", note)
     if failed is not None:
         raise failed

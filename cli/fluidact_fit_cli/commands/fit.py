@@ -13,8 +13,8 @@ from fluidact_fit.errors import UsageError
 
 from .. import options
 from ..errors import Invocation
+from ..messages import tell_message
 from ..progress import Progress
-from ..show import tell
 from .fit_family import make_command, output_options
 from .inspect import show_advice
 
@@ -43,14 +43,15 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
     from fluidact_fit.advice import column_options, is_clear, suggest
 
     invocation = ctx.find_object(Invocation) or Invocation(("fit", *logs))
-    read = options.read_logs(logs, params)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        read = options.read_logs(logs, params)
         found = suggest(read, logs, progress=progress)
     chosen = found[0] if is_clear(found) else _ask(found)
     words = [w for w in invocation.args if w != "--debug"]
     words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read[0])]
     if not params["quiet"]:
-        tell(f"note (family-found): {chosen.command}")
+        tell_message("note", chosen.command, "family-found")
     family = make_command(chosen.family)
     family.main(words[1:], prog_name=f"fluidact-fit {chosen.family}", standalone_mode=False,
                 obj=Invocation(tuple(words), invocation.read, invocation.written))  # fmt: skip

@@ -16,6 +16,7 @@ from fluidact_fit.families import get_family
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
+from ..messages import echo_notices
 from ..options import (
     FORCE,
     READING,
@@ -27,13 +28,15 @@ from ..options import (
     check_role_names,
     flag,
     parsed,
+    read_logs,
     reading,
 )
-from ..outputs import check_targets, write_all
+from ..outputs import check_places, refuse_existing, write_all
+from ..parameter_table import echo_parameters
 from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo, echo_json, echo_notices, echo_parameters, json_text
+from ..show import echo_json, echo_text, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -55,6 +58,7 @@ _JUDGING: list[click.Parameter] = [
            "result. Default: 0."),
 ]  # fmt: skip
 
+_STAGES = ("reading", "fitting", "examining the fit", "validating", "writing")
 # Suffixes of what a fit reads, or writes elsewhere.
 _OTHERS = (
     ".json", ".csv", ".tsv", ".xlsx", ".parquet", ".mat", ".h5", ".hdf5", ".tdms", ".mf4", ".png",
@@ -66,12 +70,12 @@ PARAMETERS: list[click.Parameter] = [
     assignment("--fix", "NAME=VALUE", "'dead_time=12 ms'", parse_quantity,
                "Hold a parameter at a value, in SI or with its unit.", "Parameters"),
     assignment("--start", "NAME=VALUE", "mass=50", parse_quantity,
-               "Where the search begins, in SI or with its unit.", "Parameters"),
+               "Starting value of the search, in SI or with its unit.", "Parameters"),
     assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_quantities,
                "Range of a parameter, in SI or with its unit.", "Parameters"),
     assignment("--noise", "ROLE=SD", "force=0.1", parse_quantity,
                "Standard deviation of white noise on a measured input, in SI or with its unit; "
-               "0 for an exact one. Default: judged from the log.", "Parameters"),
+               "0 for an exact one. Default: estimated from the log.", "Parameters"),
 ]  # fmt: skip
 
 
@@ -129,7 +133,10 @@ def run_fit(
     check_family_names(family, params)
     params = {**params, **in_si(family, params)}
     _check_files(params, targets)
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    _refuse_existing(family, params, targets)
+    validated = params["validate"] or params["validate_window"] is not None
+    stages = [stage for stage in _STAGES if stage != "validating" or validated]
+    with closing(Progress(params["quiet"], params["verbose"], stages=stages)) as progress:
         result = _fit(family, params, invocation, progress)
         document = result.document_to_write(params["accept_failed"])
         result = replace(result, document=document)
@@ -139,7 +146,7 @@ def run_fit(
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
-        echo("written to " + ", ".join(targets.values()))
+        echo_text("written to " + ", ".join(targets.values()), "  ")
     if not params["quiet"]:
         echo_notices(result.notices)
 
@@ -173,8 +180,33 @@ def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
                 remedy="Give each log once; a log for --validate must not be fitted as well.",
             )
         seen.add(real)
-    check_targets(targets, logs, params["force"])
+    check_places(targets, logs)
     _check_suffix(targets.get("-o", ""))
+
+
+def _refuse_existing(
+    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Mapping[str, str]
+) -> None:
+    """Refuse to replace files; a mistake in a log comes first, and both are told at once."""
+    try:
+        refuse_existing(targets, params["force"])
+    except UsageError as taken:
+        try:
+            _check_logs(family, params)
+        except LogError as error:
+            raise type(error)(
+                error.what, where=error.where, expected=error.expected,
+                remedy="\n".join(filter(None, (error.remedy, f"Besides, {taken.text}"))),
+            ) from error  # fmt: skip
+        raise
+
+
+def _check_logs(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+    """Raise what is wrong with the logs, short of a fit."""
+    from fluidact_fit.logs import choose_variant, experiments
+
+    for log in read_logs((*params["logs"], *params["validate"]), params):
+        experiments(log, choose_variant(log, family.variants))
 
 
 def _check_suffix(path: str) -> None:

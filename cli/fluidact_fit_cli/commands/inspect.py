@@ -14,8 +14,9 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
+from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_notices, echo_table, format_number
+from ..show import echo, echo_json, echo_table, format_number
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -58,7 +59,9 @@ def command(
     if family is not None:
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
-    read = options.read_logs(logs, params)
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        read = options.read_logs(logs, params)
     every = []
     for log in read:
         # Refuses a column that is not there.

@@ -33,9 +33,9 @@ def command(
 ) -> None:
     """Write the page of the parameter file PARAMS: values, warnings, ranges, model, provenance.
 
-    With OTHER, a file of the same family (several may be given), both stand beside each other:
-    what differs by more than its uncertainty, as a table and a picture. The logs are not needed;
-    the pictures of a fit are in the page that the fit itself writes with --report.
+    With OTHER files of the same family, the page compares them: what differs by more than its
+    uncertainty, as a table and a picture. The logs are not needed; the pictures of a fit are in the
+    page that the fit itself writes with --report.
 
     \b
     Examples:

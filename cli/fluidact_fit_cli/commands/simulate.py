@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..loop import simulate_closed_loop
+from ..messages import echo_notices
 from ..options import (
     FORCE,
     READING,
@@ -24,7 +26,8 @@ from ..options import (
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_seconds, parse_step
-from ..show import echo, echo_notices, echo_result, tell
+from ..progress import Progress
+from ..show import echo, echo_result, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
@@ -108,10 +111,10 @@ def command(
     else:
         write_all({output: text}, force)
     if not params["quiet"]:
-        _show(runs, output)
+        _show(runs, document.fit.rmse.unit, output)
 
 
-def _show(runs: Sequence[Simulation], output: str | None) -> None:
+def _show(runs: Sequence[Simulation], unit: str, output: str | None) -> None:
     """Agreement with each log, on standard error: the table may stand on standard output."""
     from fluidact_fit.outcome import percent_text
 
@@ -119,7 +122,7 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
             tell(
-                f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
+                f"{run.experiment.name}: rmse {run.rmse:.6g} {unit}, fit "
                 f"{percent_text(run.agreement.fit_percent)}{left}"
             )
     if output is not None:
@@ -157,10 +160,14 @@ def _with_logs(
     from fluidact_fit.recall import recall_logs
     from fluidact_fit.simulation import prepare_logs, simulate_runs
 
-    runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
+        progress("simulating")
+        simulated = simulate_runs(document, runs)
     if not params["quiet"]:
         echo_notices(notices)
-    return simulate_runs(document, runs)
+    return simulated
 
 
 def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[Simulation]:

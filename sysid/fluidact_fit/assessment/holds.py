@@ -156,7 +156,7 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
         code = "hold-doubtful"
         lead = f"the data fit better with '{role}' {better} than {taken}"
         then = (
-            "Settle it first: what else is said of this fit may come from it. If it was right, "
+            "Resolve this first; the other warnings may follow from it. If it was right, "
             "look for lost rows, gaps, clipping or a lag."
         )
     else:

@@ -140,7 +140,7 @@ class _Work:
             why, remedy = of.refusal, "Correct the options of the job."
             taken = [] if self.again or of.replace else self._taken(of)
             if not why and taken and taken != [of.output]:
-                why = f"{taken[-1]} exists already and was kept."
+                why = f"{taken[-1]} already exists; not overwritten."
                 remedy = "Give batch --force to replace it, or move it away."
             if why:
                 self._refuse(task, refused(task, why, remedy))

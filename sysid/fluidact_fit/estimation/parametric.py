@@ -238,7 +238,7 @@ def at_end_of_search(name: str, value: float, unit: str) -> Refusal:
     """Refuse a parameter that ends where its search does."""
     return Refusal(
         name,
-        f"it ends at {value:.3g}{after_number(unit)}, as far as the search goes. Should it lie "
+        f"it ends at {value:.3g}{after_number(unit)}, at the search limit. Should it lie "
         f"beyond, give --bounds {name}=LOW:HIGH.",
     )
 

@@ -227,7 +227,7 @@ def _check_places(
     for path in paths:
         if os.path.lexists(path) and not overwrite:
             raise OutputError(
-                "exists already and was kept.",
+                "already exists; not overwritten.",
                 where=path,
                 remedy="Give --force to replace it, or another folder.",
             )

@@ -71,7 +71,7 @@ def write_atomically(
             _replace(target, content, mode, overwrite)
     except FileExistsError as error:
         raise OutputError(
-            "exists already and was kept.",
+            "already exists; not overwritten.",
             where=where,
             remedy="Give --force to replace it, or another name.",
         ) from error

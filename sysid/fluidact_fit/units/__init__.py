@@ -1,6 +1,7 @@
 """Units in and out: everything inside the package is SI, and converted here."""
 
 from .conversion import base_units, conversion_factor, dimension_name, same_dimension
+from .display import DisplayUnit, display_unit
 from .headers import (
     SUFFIXES,
     is_doubtful_suffix,
@@ -22,12 +23,14 @@ from .spelling import normalise_unit
 
 __all__ = [
     "SUFFIXES",
+    "DisplayUnit",
     "after_number",
     "as_share",
     "as_time",
     "base_units",
     "conversion_factor",
     "dimension_name",
+    "display_unit",
     "is_doubtful_suffix",
     "is_known_unit",
     "is_share",

@@ -1,0 +1,61 @@
+"""Notes, warnings and errors on standard error: a line each, and below it what to do."""
+
+from __future__ import annotations
+
+import re
+import sys
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from fluidact_fit.errors import Notice, visible
+from fluidact_fit.notices import is_information
+
+from .show import paint, tell_painted, width_of
+
+_NAMED = 3  # logs of which the same is said
+_SENTENCE = re.compile(r"(?<![.\s][A-Za-z]\.)(?<=[.?!])\s+(?=[A-Z'\"-])")  # not behind "e.g."
+_INDENT, _CONTINUED = "  ", "    "
+
+
+def echo_notices(notices: Iterable[Notice]) -> None:
+    """Print warnings, then notes, on standard error; what several logs have in common once."""
+    together: dict[tuple[str, str], list[str]] = {}
+    for notice in sorted(notices, key=lambda n: is_information(n.code)):
+        name, colon, rest = notice.message.partition(": ")
+        of_log = bool(colon) and " " not in name
+        names = together.setdefault((notice.code, rest if of_log else notice.message), [])
+        names += [name] * of_log
+    for (code, message), names in together.items():
+        where = f"{_listed(names)}: " if names else ""
+        word = "note" if is_information(code) else "warning"
+        tell_message(word, f"{where}{message}", code)
+
+
+def tell_message(word: str, text: str, code: str = "") -> None:
+    """Print ``word (code): `` and the first sentence of a text, the rest of it indented below.
+
+    On a terminal lines are wrapped to its width.
+    """
+    first, *rest = visible(text).split("\n")
+    first, *remedy = _SENTENCE.split(first, maxsplit=1)
+    start = f"{word} ({code}): " if code else f"{word}: "
+    lines = _wrapped(first, start, _CONTINUED)
+    for line in (*remedy, *rest):
+        own = line[: len(line) - len(line.lstrip())]
+        lines += _wrapped(line.lstrip(), _INDENT + own, _INDENT + own)
+    tell_painted(paint(word, sys.stderr) + "\n".join(lines).removeprefix(word))
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first few of several names."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _wrapped(text: str, first: str, others: str) -> list[str]:
+    """Lines of a paragraph; a command to copy stays in one."""
+    width = width_of(sys.stderr)
+    if width is None or text.startswith("fluidact-fit "):
+        return [first + text]
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=others,
+                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
