@@ -6,8 +6,8 @@ functions below, each of which returns Markdown, in a comment:
     <!-- [[[cog print(docs.family("line")) ]]] -->
     <!-- [[[end]]] -->
 
-Run as a program, this module gives every family of the registry a section in
-``docs/families.md`` and every section its place; what a section says beside the tables stays.
+Run as a program, this module gives every family of the registry a page in ``docs/families``;
+what a page says beside the tables stays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import get_args
 
@@ -37,8 +36,7 @@ from fluidact_fit.options import Option, describe
 from fluidact_fit.parameters.document import ParameterDocument
 
 ROOT = Path(__file__).parents[1]
-FAMILIES_PAGE = ROOT / "docs" / "families.md"
-_SECTION = re.compile(r"^## (.+)$", re.MULTILINE)
+FAMILY_PAGES = ROOT / "docs" / "families"
 
 # ------------------------------------------------------------------------------- Markdown
 
@@ -71,7 +69,11 @@ def families() -> str:
     for number, name in enumerate(ff.family_names(), 1):
         notebook = f"{number:02}_{name.replace('-', '_')}.ipynb"
         rows.append(
-            (f"[{name}](#{name})", family_title(name), f"[{notebook}](../notebooks/{notebook})")
+            (
+                f"[{name}]({name}.md)",
+                family_title(name),
+                f"[{notebook}](../../notebooks/{notebook})",
+            )
         )
     return _paragraphs(table(("family", "what", "notebook"), rows))
 
@@ -168,14 +170,11 @@ def _values(option: Option) -> str:
 # ------------------------------------------------------------------------------- commands
 
 
-def fits() -> str:
-    """A command for every family, as its dataset's README has it."""
-    parts = []
-    for name in ff.family_names():
-        text = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
-        (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
-        parts += [f"### {name}", command]
-    return _paragraphs(*parts)
+def example(name: str) -> str:
+    """The command that fits the dataset of a family, as its README has it."""
+    text = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
+    return _paragraphs(command)
 
 
 def controller_file() -> str:
@@ -367,15 +366,15 @@ def exported(name: str, to: str, suffix: str, language: str, most: int = 40) -> 
     return "\n".join(["", f"```{language}", *lines[:most], *more, "```", ""])
 
 
-# --------------------------------------------------------------------- sections of families
+# ------------------------------------------------------------------------ pages of families
 
 
-def new_section(name: str) -> str:
-    """The section of a family that has none: its docstring between the generated blocks."""
+def new_page(name: str) -> str:
+    """The page of a family that has none: its docstring between the generated blocks."""
     prose = inspect.getdoc(type(ff.get_family(name))) or ""
     return textwrap.dedent(
         f"""\
-        ## {name}
+        # {name}
 
         <!-- [[[cog print(docs.equation("{name}")) ]]] -->
         <!-- [[[end]]] -->
@@ -385,28 +384,24 @@ def new_section(name: str) -> str:
         <!-- [[[cog print(docs.family("{name}")) ]]] -->
         <!-- [[[end]]] -->
 
+        ## Example
+
+        <!-- [[[cog print(docs.example("{name}")) ]]] -->
+        <!-- [[[end]]] -->
         """
     ).replace("@", prose)
 
 
-def arrange_sections(page: str) -> str:
-    """One section per family in the order of the registry; those of others are dropped."""
-    starts = [found.start() for found in _SECTION.finditer(page)]
-    bounds = [*starts, len(page)]
-    sections = {}
-    for start, end in pairwise(bounds):
-        text = page[start:end]
-        sections[text.partition("\n")[0].removeprefix("## ")] = text.rstrip() + "\n\n"
-    ordered = [sections.get(name) or new_section(name) for name in ff.family_names()]
-    return page[: bounds[0]] + "".join(ordered).rstrip() + "\n"
-
-
-def main() -> None:
-    """Give every family its section in ``docs/families.md``."""
-    page = FAMILIES_PAGE.read_text(encoding="utf-8")
-    if (arranged := arrange_sections(page)) != page:
-        FAMILIES_PAGE.write_text(arranged, encoding="utf-8", newline="\n")
+def arrange_pages(folder: Path) -> None:
+    """Give every family its page; a page without a family is removed."""
+    names = ff.family_names()
+    for page in folder.glob("*.md"):
+        if page.stem not in (*names, "index"):
+            page.unlink()
+    for name in names:
+        if not (page := folder / f"{name}.md").exists():
+            page.write_text(new_page(name), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
-    main()
+    arrange_pages(FAMILY_PAGES)
