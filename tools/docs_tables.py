@@ -14,11 +14,16 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import re
+import shlex
+import subprocess
+import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import get_args
 
 from pydantic import BaseModel
@@ -78,12 +83,27 @@ def families() -> str:
     return _paragraphs(table(("family", "what", "notebook"), rows))
 
 
-def family_list() -> str:
-    """Every family with its title and a link to its section, for the README."""
-    rows = [
-        (f"[{name}](docs/families.md#{name})", family_title(name)) for name in ff.family_names()
-    ]
-    return _paragraphs(table(("family", "what"), rows))
+def sketches(folder: str, columns: int = 3) -> str:
+    """Every family with the sketch of its machine, in a grid; ``folder`` holds their pages."""
+    cells = []
+    for name in ff.family_names():
+        page, what = f"{folder}{name}", family_title(name).partition(": ")[2]
+        cells.append(f"[![{name}]({page}.svg)]({page}.md)<br>[**{name}**]({page}.md)<br>{what}")
+    rows = [cells[i : i + columns] for i in range(0, len(cells), columns)]
+    return _paragraphs(table([" "] * columns, rows))
+
+
+def remedies() -> str:
+    """What to record for every parameter that a log may not determine, by family."""
+    rows = []
+    for name in ff.family_names():
+        named: dict[str, dict[str, None]] = {}  # parameters of each remedy, in order
+        for variant in ff.get_family(name).variants:
+            for spec in variant.parameters:
+                if spec.remedy:
+                    named.setdefault(spec.remedy, {})[_code(spec.name)] = None
+        rows += [(name, ", ".join(parameters), text) for text, parameters in named.items()]
+    return _paragraphs(table(("family", "parameter", "record"), rows))
 
 
 def equation(name: str) -> str:
@@ -348,6 +368,43 @@ def _flow(value: object) -> str:
     return '"1"' if value == "1" else str(value)
 
 
+# ------------------------------------------------------------------ what the program prints
+
+
+def run(arguments: str) -> str:
+    """A command, what it prints today on either stream, and how it ends unless with 0.
+
+    It runs in an empty folder, beside which ``datasets`` and ``tests`` are those of the repository.
+    """
+    with TemporaryDirectory() as folder:
+        for name in ("datasets", "tests"):
+            (Path(folder) / name).symlink_to(ROOT / name)
+        done = subprocess.run(
+            [Path(sys.executable).with_name("fluidact-fit"), *shlex.split(arguments)],
+            cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+            env={**os.environ, "COLUMNS": "80"},
+        )  # fmt: skip
+    status = f"\n(exit status {done.returncode})" if done.returncode else ""
+    return _paragraphs(
+        f"```sh\nfluidact-fit {arguments}\n```", f"```text\n{done.stdout.rstrip()}{status}\n```"
+    )
+
+
+def first_lines(path: str, number: int) -> str:
+    """The first lines of a file of the repository."""
+    lines = (ROOT / path).read_text(encoding="utf-8").splitlines()[:number]
+    return _paragraphs("\n".join(["```text", *lines, "```"]))
+
+
+def benchmark(problem: str, tools: Sequence[str]) -> str:
+    """Rows of a problem's table in the committed benchmark, as they stand there."""
+    text = (ROOT / "docs" / "evidence" / "benchmark.md").read_text(encoding="utf-8")
+    section = text.partition(f"### {problem}: ")[2].partition("###")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    rows = {line.split("|")[1].strip().strip("*"): line for line in lines[2:]}
+    return _paragraphs("\n".join([*lines[:2], *(rows[tool] for tool in tools)]))
+
+
 # ------------------------------------------------------------------------------- exports
 
 
@@ -375,6 +432,8 @@ def new_page(name: str) -> str:
     return textwrap.dedent(
         f"""\
         # {name}
+
+        ![The machine]({name}.svg)
 
         <!-- [[[cog print(docs.equation("{name}")) ]]] -->
         <!-- [[[end]]] -->

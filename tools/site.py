@@ -1,0 +1,207 @@
+"""What the site takes from the program and the repository while ``make site`` builds it.
+
+A hook of MkDocs (``mkdocs.yml``). It adds the pages that are not worth committing because they
+follow from the program, the pictures that ``fluidact-fit demo`` has drawn, and whatever of the
+repository a page links to, so that the site needs no network and no other place.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import click
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import fluidact_fit as ff
+from docs_tables import ROOT, table
+from fluidact_fit.families import family_title
+from fluidact_fit.units.table import QUANTITIES
+from fluidact_fit_cli.program import program
+
+DOCS = ROOT / "docs"
+DEMO = ROOT / "build" / "demo"
+_REPOSITORY = "repository/"  # where files from outside docs stand in the site
+_LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the pages of families and of evidence where the navigation names their folder."""
+    config.nav = list(_with_folders(config.nav or []))
+    return config
+
+
+def _with_folders(entries: Iterable[object]) -> Iterator[object]:
+    """Replace ``name/*`` by the pages of that folder."""
+    for entry in entries:
+        if isinstance(entry, dict):
+            yield {
+                title: [*_with_folders(value)] if isinstance(value, list) else value
+                for title, value in entry.items()
+            }
+        elif entry == "families/*":
+            yield from (f"families/{name}.md" for name in ff.family_names())
+        elif isinstance(entry, str) and entry.endswith("/*"):
+            pages = sorted((DOCS / entry[:-2]).glob("*.md"))
+            yield from (str(p.relative_to(DOCS)) for p in pages if p.stem != "index")
+        else:
+            yield entry
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add generated pages, pictures, and files of the repository that pages link to."""
+    pages = {
+        "gallery.md": gallery(),
+        "reference/command-line.md": command_line(),
+        "reference/python.md": python(),
+        "reference/units.md": units(),
+    }
+    for uri, text in pages.items():
+        files.append(File.generated(config, uri, content=text))
+    for picture in sorted(DEMO.glob("*.png")):
+        files.append(
+            File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture))
+        )
+    for path in linked_files():
+        uri = _uri(path)
+        if path.suffix == ".md":
+            files.append(File.generated(config, uri, content=path.read_text(encoding="utf-8")))
+        else:
+            files.append(File.generated(config, uri, abs_src_path=str(path)))
+    return files
+
+
+def linked_files() -> list[Path]:
+    """Files outside ``docs`` that pages link to, and that those link to in turn."""
+    waiting = sorted(DOCS.rglob("*.md"))
+    seen: set[Path] = set()
+    while waiting:
+        page = waiting.pop()
+        for target in _LINK.findall(page.read_text(encoding="utf-8")):
+            path = _target(page, target)
+            if path.is_file() and DOCS not in path.parents and path not in seen:
+                seen.add(path)
+                waiting += [path] if path.suffix == ".md" else []
+    return sorted(seen)
+
+
+def _target(page: Path, link: str) -> Path:
+    return Path(os.path.normpath(page.parent / link))
+
+
+def _uri(path: Path) -> str:
+    """Place in the site of a file of the repository."""
+    if DOCS in path.parents:
+        return path.relative_to(DOCS).as_posix()
+    return _REPOSITORY + path.relative_to(ROOT).as_posix()
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead links out of ``docs`` to their place in the site; give families their picture."""
+    uri = page.file.src_uri
+    if uri.startswith("families/") and (name := Path(uri).stem) in ff.family_names():
+        markdown += f"\n{_picture(name, '../gallery/')}\n"
+    source = ROOT / uri[len(_REPOSITORY) :] if uri.startswith(_REPOSITORY) else DOCS / uri
+
+    def moved(found: re.Match[str]) -> str:
+        path = _target(source, found[1])
+        if not path.is_file() or source.parent in path.parents:
+            return found[1]
+        return posixpath.relpath(_uri(path), posixpath.dirname(uri))
+
+    return _LINK.sub(moved, markdown)
+
+
+def _picture(name: str, folder: str) -> str:
+    return f"![Measured and simulated output of the {name} dataset, and the residual]({folder}{name}.png)"
+
+
+# ------------------------------------------------------------------------- generated pages
+
+
+def gallery() -> str:
+    """The fit of every dataset."""
+    parts = ["# Gallery", "What `fluidact-fit demo` draws: the fit of every dataset, made with this site."]
+    for name in ff.family_names():
+        parts += [f"## {name}", f"{family_title(name)} ([page](families/{name}.md)).",
+                  _picture(name, "gallery/")]  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def command_line() -> str:
+    """Every command with its arguments and options, those of all fits once."""
+    context = click.Context(program, info_name="fluidact-fit")
+    commands = {n: program.get_command(context, n) for n in program.list_commands(context)}
+    fits = [command for n in ff.family_names() if (command := commands.pop(n))]
+    shared = [p for p in fits[0].params if all(p.name in {q.name for q in c.params} for c in fits)]
+    parts = [
+        "# Command line",
+        "The options that only one family has are on [its page](../families/index.md). "
+        "`fluidact-fit COMMAND --help` prints the same.",
+        "## Every fit",
+        "```text\nfluidact-fit FAMILY LOG... [OPTIONS]\n```",
+        *_options(shared),
+    ]
+    for name, command in commands.items():
+        if command is not None:
+            parts += [f"## {name}", *_command(click.Context(command, context, name), command)]
+    return "\n\n".join(parts)
+
+
+def _command(context: click.Context, command: click.Command) -> Iterator[str]:
+    formatter = click.HelpFormatter(width=76)
+    command.format_usage(context, formatter)
+    command.format_help_text(context, formatter)
+    yield f"```text\n{formatter.getvalue().rstrip()}\n```"
+    yield from _options(command.params)
+
+
+def _options(params: Iterable[click.Parameter]) -> Iterator[str]:
+    """One table of options per heading of the help."""
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for param in params:
+        if isinstance(param, click.Option):
+            rows = groups.setdefault(getattr(param, "group", "Options"), [])
+            names = ", ".join(f"`{name}`" for name in (*param.opts, *param.secondary_opts))
+            value = f" `{param.metavar}`" if param.metavar else ""
+            rows.append((names + value, " ".join((param.help or "").split())))
+    for title, rows in groups.items():
+        yield f"**{title}**"
+        yield table(("option", "what"), rows)
+
+
+def python() -> str:
+    """Every public name of the package, by kind."""
+    kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors and warnings": []}
+    for name in ff.__all__:
+        item = getattr(ff, name)
+        if isinstance(item, type):
+            raised = issubclass(item, Exception)
+            kinds["Errors and warnings" if raised else "Classes"].append(name)
+        elif callable(item):
+            kinds["Functions"].append(name)
+    parts = ["# Python API", "`import fluidact_fit as ff`. [How to use it](../python.md)."]
+    for kind, names in kinds.items():
+        parts += [f"## {kind}", *(f"::: fluidact_fit.{name}" for name in names)]
+    return "\n\n".join(parts)
+
+
+def units() -> str:
+    """Units that are read, by what they measure."""
+    rows = [
+        (what.partition(" ")[2], f"`{next(iter(names))}`", ", ".join(f"`{n}`" for n in names))
+        for what, names in QUANTITIES.items()
+    ]
+    return "\n\n".join([
+        "# Units",
+        "A unit is taken from the header (`pos [mm]`, `pos (mm)`, `pos_mm`, or the unit alone) or from "
+        "`--unit ROLE=UNIT`. Other spellings of these names are read too, as are products and quotients "
+        "of names with small powers: `kg m2`, `m3/(s V)`. What is not known is refused, never guessed. "
+        "[More on units in headers](../families/index.md).",
+        table(("quantity", "SI", "read"), rows),
+    ])  # fmt: skip
