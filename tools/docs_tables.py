@@ -372,28 +372,33 @@ def _flow(value: object) -> str:
 
 
 def run(arguments: str) -> str:
-    """A command, what it prints today on either stream, and how it ends unless with 0.
+    """A command of the program and what it prints today."""
+    printed = _printed(f"fluidact-fit {arguments}")
+    return _paragraphs(f"```sh\nfluidact-fit {arguments}\n```", f"```text\n{printed}\n```")
+
+
+def session(*commands: str) -> str:
+    """Commands as they are typed, each with what it prints today."""
+    lines = [f"$ {command}\n{_printed(command)}" for command in commands]
+    return "\n".join(["```console", *lines, "```"])
+
+
+def _printed(command: str) -> str:
+    """What a command prints on either stream, and how it ends unless with 0.
 
     It runs in an empty folder, beside which ``datasets`` and ``tests`` are those of the repository.
     """
     with TemporaryDirectory() as folder:
         for name in ("datasets", "tests"):
             (Path(folder) / name).symlink_to(ROOT / name)
+        programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         done = subprocess.run(
-            [Path(sys.executable).with_name("fluidact-fit"), *shlex.split(arguments)],
-            cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
-            env={**os.environ, "COLUMNS": "80"},
+            shlex.split(command), cwd=folder, text=True, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env={**os.environ, "COLUMNS": "80", "PATH": programs},
         )  # fmt: skip
     status = f"\n(exit status {done.returncode})" if done.returncode else ""
-    return _paragraphs(
-        f"```sh\nfluidact-fit {arguments}\n```", f"```text\n{done.stdout.rstrip()}{status}\n```"
-    )
-
-
-def first_lines(path: str, number: int) -> str:
-    """The first lines of a file of the repository."""
-    lines = (ROOT / path).read_text(encoding="utf-8").splitlines()[:number]
-    return _paragraphs("\n".join(["```text", *lines, "```"]))
+    return f"{done.stdout.rstrip()}{status}"
 
 
 def benchmark(problem: str, tools: Sequence[str]) -> str:

@@ -78,8 +78,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def linked_files() -> list[Path]:
     """Files outside ``docs`` that pages link to, and that those link to in turn."""
-    waiting = sorted(DOCS.rglob("*.md"))
-    seen: set[Path] = set()
+    seen = {ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"}  # which the navigation names
+    waiting = [*sorted(DOCS.rglob("*.md")), *seen]
     while waiting:
         page = waiting.pop()
         for target in _LINK.findall(page.read_text(encoding="utf-8")):
@@ -110,7 +110,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     def moved(found: re.Match[str]) -> str:
         path = _target(source, found[1])
-        if not path.is_file() or source.parent in path.parents:
+        if not path.is_file():
             return found[1]
         return posixpath.relpath(_uri(path), posixpath.dirname(uri))
 
