@@ -102,9 +102,10 @@ docs: schema
 	$(BIN)/python tools/docs_tables.py
 	$(COG) -r $(PAGES)
 
-# Of the README: small, and committed, since a page on the web cannot fit a model.
-picture: $(INSTALLED_DEV)
-	$(BIN)/python tools/picture.py
+# Of the README: committed, since a page of a repository cannot fit a model; in few colours, small.
+picture: build/demo/SHA256SUMS
+	$(BIN)/python -c 'from PIL import Image; Image.open("build/demo/hydrostatic.png").convert("RGB") \
+		.quantize(48, dither=Image.Dither.NONE).save("docs/assets/fit.png", optimize=True)'
 
 # Pictures of fits are drawn when the program or a dataset has changed; a page fetches nothing when
 # it is read. To look at it: .venv/bin/python -m http.server --directory site, or open index.html.
