@@ -39,6 +39,7 @@ from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Vari
 from fluidact_fit.notices import GROUPS, Code
 from fluidact_fit.options import Option, describe
 from fluidact_fit.parameters.document import ParameterDocument
+from fluidact_fit.units.table import QUANTITIES
 
 ROOT = Path(__file__).parents[1]
 FAMILY_PAGES = ROOT / "docs" / "families"
@@ -109,7 +110,14 @@ def remedies() -> str:
 def equation(name: str) -> str:
     """Title and equation of a family."""
     family = ff.get_family(name)
-    return _paragraphs(f"{family.title}.", f"```text\n{family.equation}\n```")
+    lines = [_wrapped(part) for part in family.equation.split("; ")]
+    return _paragraphs(f"{family.title}.", "\n".join(["```text", *lines, "```"]))
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(
+        text, 80, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def family(name: str) -> str:
@@ -118,10 +126,10 @@ def family(name: str) -> str:
     parts = []
     for variant in found.variants:
         of = f" (variant `{variant.name}`)" if len(found.variants) > 1 else ""
-        parts += [f"**Roles**{of}", roles_table(variant)]
-        parts += [f"**Parameters**{of}", parameters_table(variant)]
+        parts += [f"## Roles{of}", roles_table(variant)]
+        parts += [f"## Parameters{of}", parameters_table(variant)]
     if options := options_table(found):
-        parts += ["**Options**", options]
+        parts += ["## Options", options]
     return _paragraphs(*parts)
 
 
@@ -185,6 +193,14 @@ def _values(option: Option) -> str:
     unit = f" [{option.unit}]" if option.unit else ""
     default = "" if option.default is None else f", default `{option.default}`"
     return f"{values}{unit}{default}"
+
+
+def units() -> str:
+    """Units that are read, by what they measure, the SI unit first."""
+    rows = [
+        (what.partition(" ")[2], ", ".join(map(_code, names))) for what, names in QUANTITIES.items()
+    ]
+    return _paragraphs(table(("quantity", "units"), rows))
 
 
 # ------------------------------------------------------------------------------- commands
@@ -384,7 +400,7 @@ def session(*commands: str) -> str:
 
 
 def _printed(command: str) -> str:
-    """What a command prints on either stream, and how it ends unless with 0.
+    """What a command prints on either stream without its progress, and its end unless with 0.
 
     It runs in an empty folder, beside which ``datasets`` and ``tests`` are those of the repository.
     """
@@ -398,7 +414,8 @@ def _printed(command: str) -> str:
             env={**os.environ, "COLUMNS": "80", "PATH": programs},
         )  # fmt: skip
     status = f"\n(exit status {done.returncode})" if done.returncode else ""
-    return f"{done.stdout.rstrip()}{status}"
+    printed = re.sub(r"^.* \.\.\. \(\d+ s\)\n", "", done.stdout, flags=re.MULTILINE)
+    return f"{printed.rstrip()}{status}"
 
 
 def benchmark(problem: str, tools: Sequence[str]) -> str:

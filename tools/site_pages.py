@@ -1,7 +1,7 @@
 """What the site takes from the program and the repository while ``make site`` builds it.
 
-A hook of MkDocs (``mkdocs.yml``). It adds the pages that are not worth committing because they
-follow from the program, the pictures that ``fluidact-fit demo`` has drawn, and whatever of the
+A hook of MkDocs (``mkdocs.yml``). It adds the reference that is not worth committing because it
+follows from the program, the pictures that ``fluidact-fit demo`` has drawn, and whatever of the
 repository a page links to, so that the site needs no network and no other place.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import posixpath
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import click
@@ -21,11 +21,9 @@ from mkdocs.structure.pages import Page
 import fluidact_fit as ff
 from docs_tables import ROOT, table
 from fluidact_fit.families import family_title
-from fluidact_fit.units.table import QUANTITIES
 from fluidact_fit_cli.program import program
 
 DOCS = ROOT / "docs"
-DEMO = ROOT / "build" / "demo"
 _REPOSITORY = "repository/"  # where files from outside docs stand in the site
 _LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 
@@ -54,19 +52,9 @@ def _with_folders(entries: Iterable[object]) -> Iterator[object]:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add generated pages, pictures, and files of the repository that pages link to."""
-    pages = {
-        "gallery.md": gallery(),
-        "reference/command-line.md": command_line(),
-        "reference/python.md": python(),
-        "reference/units.md": units(),
-    }
-    for uri, text in pages.items():
-        files.append(File.generated(config, uri, content=text))
-    for picture in sorted(DEMO.glob("*.png")):
-        files.append(
-            File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture))
-        )
+    """Add pictures, and files of the repository that pages link to."""
+    for picture in sorted((ROOT / config.extra["pictures"]).glob("*.png")):
+        files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
     for path in linked_files():
         uri = _uri(path)
         if path.suffix == ".md":
@@ -104,8 +92,10 @@ def _uri(path: Path) -> str:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Lead links out of ``docs`` to their place in the site; give families their picture."""
     uri = page.file.src_uri
+    if uri in GENERATED:
+        markdown = "\n\n".join([markdown, *GENERATED[uri]()])
     if uri.startswith("families/") and (name := Path(uri).stem) in ff.family_names():
-        markdown += f"\n{_picture(name, '../gallery/')}\n"
+        markdown = f"{markdown}\n\n{_picture(name, '../gallery/')}\n"
     source = ROOT / uri[len(_REPOSITORY) :] if uri.startswith(_REPOSITORY) else DOCS / uri
 
     def moved(found: re.Match[str]) -> str:
@@ -118,39 +108,34 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _picture(name: str, folder: str) -> str:
-    return f"![Measured and simulated output of the {name} dataset, and the residual]({folder}{name}.png)"
+    what = f"Measured and simulated output of the {name} dataset, and the residual"
+    return f"![{what}]({folder}{name}.png)"
 
 
-# ------------------------------------------------------------------------- generated pages
+# ------------------------------------------------- what is added to pages that say so little
 
 
-def gallery() -> str:
+def gallery() -> Iterator[str]:
     """The fit of every dataset."""
-    parts = ["# Gallery", "What `fluidact-fit demo` draws: the fit of every dataset, made with this site."]
     for name in ff.family_names():
-        parts += [f"## {name}", f"{family_title(name)} ([page](families/{name}.md)).",
-                  _picture(name, "gallery/")]  # fmt: skip
-    return "\n\n".join(parts)
+        yield f"## {name}"
+        yield f"{family_title(name)}: [its page](families/{name}.md)."
+        yield _picture(name, "gallery/")
 
 
-def command_line() -> str:
+def command_line() -> Iterator[str]:
     """Every command with its arguments and options, those of all fits once."""
     context = click.Context(program, info_name="fluidact-fit")
     commands = {n: program.get_command(context, n) for n in program.list_commands(context)}
     fits = [command for n in ff.family_names() if (command := commands.pop(n))]
-    shared = [p for p in fits[0].params if all(p.name in {q.name for q in c.params} for c in fits)]
-    parts = [
-        "# Command line",
-        "The options that only one family has are on [its page](../families/index.md). "
-        "`fluidact-fit COMMAND --help` prints the same.",
-        "## Every fit",
-        "```text\nfluidact-fit FAMILY LOG... [OPTIONS]\n```",
-        *_options(shared),
-    ]
+    common = set.intersection(*({p.name for p in command.params} for command in fits))
+    yield "## Every fit"
+    yield "```text\nfluidact-fit FAMILY LOG... [OPTIONS]\n```"
+    yield from _options(p for p in fits[0].params if p.name in common)
     for name, command in commands.items():
         if command is not None:
-            parts += [f"## {name}", *_command(click.Context(command, context, name), command)]
-    return "\n\n".join(parts)
+            yield f"## {name}"
+            yield from _command(click.Context(command, context, name), command)
 
 
 def _command(context: click.Context, command: click.Command) -> Iterator[str]:
@@ -175,8 +160,8 @@ def _options(params: Iterable[click.Parameter]) -> Iterator[str]:
         yield table(("option", "what"), rows)
 
 
-def python() -> str:
-    """Every public name of the package, by kind."""
+def python() -> Iterator[str]:
+    """Every public name of the package, by kind; mkdocstrings writes what it is."""
     kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors and warnings": []}
     for name in ff.__all__:
         item = getattr(ff, name)
@@ -185,23 +170,13 @@ def python() -> str:
             kinds["Errors and warnings" if raised else "Classes"].append(name)
         elif callable(item):
             kinds["Functions"].append(name)
-    parts = ["# Python API", "`import fluidact_fit as ff`. [How to use it](../python.md)."]
     for kind, names in kinds.items():
-        parts += [f"## {kind}", *(f"::: fluidact_fit.{name}" for name in names)]
-    return "\n\n".join(parts)
+        yield f"## {kind}"
+        yield from (f"::: fluidact_fit.{name}" for name in names)
 
 
-def units() -> str:
-    """Units that are read, by what they measure."""
-    rows = [
-        (what.partition(" ")[2], f"`{next(iter(names))}`", ", ".join(f"`{n}`" for n in names))
-        for what, names in QUANTITIES.items()
-    ]
-    return "\n\n".join([
-        "# Units",
-        "A unit is taken from the header (`pos [mm]`, `pos (mm)`, `pos_mm`, or the unit alone) or from "
-        "`--unit ROLE=UNIT`. Other spellings of these names are read too, as are products and quotients "
-        "of names with small powers: `kg m2`, `m3/(s V)`. What is not known is refused, never guessed. "
-        "[More on units in headers](../families/index.md).",
-        table(("quantity", "SI", "read"), rows),
-    ])  # fmt: skip
+GENERATED: dict[str, Callable[[], Iterator[str]]] = {
+    "gallery.md": gallery,
+    "reference/command-line.md": command_line,
+    "reference/python.md": python,
+}
