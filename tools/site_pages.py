@@ -131,7 +131,8 @@ def command_line() -> Iterator[str]:
     common = set.intersection(*({p.name for p in command.params} for command in fits))
     yield "## Every fit"
     yield "```text\nfluidact-fit FAMILY LOG... [OPTIONS]\n```"
-    yield from _options(p for p in fits[0].params if p.name in common)
+    for part in _options(p for p in fits[0].params if p.name in common):
+        yield part.replace(f"{ff.family_names()[0]}.yaml", "FAMILY.yaml")
     for name, command in commands.items():
         if command is not None:
             yield f"## {name}"
