@@ -347,6 +347,12 @@ def fitted_file(name: str, *parts: str) -> str:
     return "\n".join(["", "```yaml", *heads, "```", ""])
 
 
+def search_cost(name: str) -> str:
+    """What the search of that fit has cost, as the file says it."""
+    details = _fit(name).document.to_dict()["fit"]["details"]
+    return _paragraphs(f"```yaml\nsearch: {_flow(details['search'])}\n```")
+
+
 @lru_cache
 def _fit(name: str) -> ff.FitResult:
     data = load_dataset(name)
