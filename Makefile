@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
-PAGES := README.md $(wildcard docs/*.md docs/*/*.md)
+PAGES := README.md docs/*.md docs/*/*.md
 
 # Where it is set, every process of the tests would compile the program anew.
 unexport PYTHONDONTWRITEBYTECODE

@@ -46,7 +46,7 @@ def _with_folders(entries: Iterable[object]) -> Iterator[object]:
             yield from (f"families/{name}.md" for name in ff.family_names())
         elif isinstance(entry, str) and entry.endswith("/*"):
             pages = sorted((DOCS / entry[:-2]).glob("*.md"))
-            yield from (str(p.relative_to(DOCS)) for p in pages if p.stem != "index")
+            yield from (p.relative_to(DOCS).as_posix() for p in pages if p.stem != "index")
         else:
             yield entry
 
@@ -55,31 +55,49 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add pictures, and files of the repository that pages link to."""
     for picture in sorted((ROOT / config.extra["pictures"]).glob("*.png")):
         files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
-    for path in linked_files():
-        uri = _uri(path)
-        if path.suffix == ".md":
-            files.append(File.generated(config, uri, content=path.read_text(encoding="utf-8")))
-        else:
-            files.append(File.generated(config, uri, abs_src_path=str(path)))
+    for path, text in linked_files().items():
+        content = path.read_bytes() if text is None else text
+        files.append(File.generated(config, _uri(path), content=content))
     return files
 
 
-def linked_files() -> list[Path]:
-    """Files outside ``docs`` that pages link to, and that those link to in turn."""
-    seen = {ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"}  # which the navigation names
-    waiting = [*sorted(DOCS.rglob("*.md")), *seen]
+def linked_files() -> dict[Path, str | None]:
+    """Files outside ``docs`` that pages link to, and that those link to in turn.
+
+    Returns
+    -------
+    dict
+        The text of every page, ``None`` for a file that is taken as it is. A folder without a
+        README has a page that lists its files.
+    """
+    named = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]  # in the navigation
+    linked: dict[Path, str | None] = {path: _text(path) for path in named}
+    waiting = [*sorted(DOCS.rglob("*.md")), *named]
     while waiting:
         page = waiting.pop()
-        for target in _LINK.findall(page.read_text(encoding="utf-8")):
-            path = _target(page, target)
-            if path.is_file() and DOCS not in path.parents and path not in seen:
-                seen.add(path)
-                waiting += [path] if path.suffix == ".md" else []
-    return sorted(seen)
+        for link in _LINK.findall(_text(page)):
+            path = _target(page, link)
+            if path is None or DOCS in path.parents or path in linked:
+                continue
+            linked[path] = _text(path) if path.suffix == ".md" else None
+            waiting += [path] if path.suffix == ".md" else []
+    return linked
 
 
-def _target(page: Path, link: str) -> Path:
-    return Path(os.path.normpath(page.parent / link))
+def _target(page: Path, link: str) -> Path | None:
+    """What a link leads to in the repository: a file, or the page of a folder."""
+    path = Path(os.path.normpath(page.parent / link))
+    if path.is_dir():
+        readme = path / "README.md"
+        return readme if readme.is_file() else path / "index.md"
+    return path if path.is_file() else None
+
+
+def _text(page: Path) -> str:
+    if page.is_file():
+        return page.read_text(encoding="utf-8")
+    names = sorted(path.name for path in page.parent.iterdir() if path.is_file())
+    return "\n".join([f"# {page.parent.name}", "", *(f"- [{name}]({name})" for name in names)])
 
 
 def _uri(path: Path) -> str:
@@ -100,7 +118,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     def moved(found: re.Match[str]) -> str:
         path = _target(source, found[1])
-        if not path.is_file():
+        if path is None:
             return found[1]
         return posixpath.relpath(_uri(path), posixpath.dirname(uri))
 
