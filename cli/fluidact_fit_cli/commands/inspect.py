@@ -127,10 +127,9 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     dialect = found["dialect"]
     separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
     echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
-    echo(
-        f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
-        f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
-    )
+    text = f", {dialect['encoding']}, separator {separator}, decimal '{dialect['decimal']}', "
+    text += f"data from line {dialect['first_data_line']}"
+    echo(f"format: {dialect['name']}{text if separator else ''}")
     if found["elements"]:
         _show_elements(found["elements"])
     else:
