@@ -7,14 +7,14 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
-PAGES := README.md $(wildcard docs/*.md docs/*/*.md) sysid/fluidact_fit/family_fits.py
+PAGES := README.md docs/*.md docs/*/*.md sysid/fluidact_fit/family_fits.py
 
 # Where it is set, every process of the tests would compile the program anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 MATRIX ?= 3.11 3.12 3.13
 
-.PHONY: help demo check test suite test-oldest test-matrix lint style types format docs schema lock house acceptance study bench red-team soak clean
+.PHONY: help demo check test suite test-oldest test-matrix lint style types format docs picture site schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
@@ -28,6 +28,8 @@ help:
 	@echo "make suite        tests and notebooks only"
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
+	@echo "make picture      draw the picture of the README anew"
+	@echo "make site         build the pages for a browser into site/"
 	@echo "make schema       write the shipped JSON Schema only"
 	@echo "make lock         write uv.lock anew: the tools of developers are installed as it says"
 	@echo "make acceptance   every headline figure again, against docs/evidence/acceptance.md"
@@ -100,6 +102,22 @@ docs: schema
 	$(BIN)/python tools/docs_tables.py
 	$(COG) -r $(PAGES)
 
+# Of the README: committed, since a page of a repository cannot fit a model; in few colours, small.
+picture: build/demo/SHA256SUMS
+	$(BIN)/python -c 'from PIL import Image; Image.open("build/demo/hydrostatic.png").convert("RGB") \
+		.quantize(48, dither=Image.Dither.NONE).save("docs/assets/fit.png", optimize=True)'
+
+# Pictures of fits are drawn when the program or a dataset has changed; a page fetches nothing when
+# it is read. To look at it: .venv/bin/python -m http.server --directory site, or open index.html.
+site: build/demo/SHA256SUMS
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "site/index.html"
+
+build/demo/SHA256SUMS: $(INSTALLED_DEV) $(wildcard datasets/*/*.csv) $(shell find sysid -name '*.py')
+	rm -rf build/demo
+	$(BIN)/fluidact-fit demo build/demo
+	cp datasets/SHA256SUMS $@
+
 schema: $(INSTALLED_DEV)
 	$(BIN)/python tools/schema.py
 
@@ -136,7 +154,7 @@ bench: $(INSTALLED)
 	$(BIN)/python bench/report.py
 
 clean:
-	rm -rf $(VENV) $(OLDEST) .venv-matrix-* demo-output build dist .mypy_cache .ruff_cache .pytest_cache \
+	rm -rf $(VENV) $(OLDEST) .venv-matrix-* demo-output build dist site .mypy_cache .ruff_cache .pytest_cache \
 		.hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -7,17 +7,21 @@ import inspect
 import pkgutil
 import re
 import shlex
+import shutil
+import subprocess
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import get_args
+from xml.etree import ElementTree
 
 import click
 import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.experiment import Hold
+from fluidact_fit.export import get_target, make_job
 from fluidact_fit.family import Status
 from fluidact_fit.options import describe
 from fluidact_fit_cli.program import program
@@ -28,32 +32,42 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 
 
 def shell_commands(text: str) -> Iterator[list[str]]:
-    """Commands of the ``sh`` blocks that start with the program's name."""
-    for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL):
+    """Commands of the ``sh`` and ``console`` blocks that start with the program's name."""
+    for block in re.findall(r"```(?:sh|console)\n(.*?)```", text, re.DOTALL):
         for line in block.replace("\\\n", " ").splitlines():
-            words = shlex.split(line)
-            if words[:1] == ["fluidact-fit"]:
+            words = shlex.split(line.removeprefix("$ "), comments=True) if _is_typed(line) else []
+            if words:
                 yield words[1:]
 
 
-COMMANDS = list(shell_commands(README))
-FITS = [words for words in COMMANDS if words[0] in ff.family_names()]
+def _is_typed(line: str) -> bool:
+    return line.removeprefix("$ ").startswith("fluidact-fit ")
 
 
-def test_readme_has_a_command_for_every_family() -> None:
-    assert [words[0] for words in FITS] == list(ff.family_names())
+COMMANDS = [
+    pytest.param(words, id=f"{page.stem}-{words[0]}-{number}")
+    for page in PAGES
+    for number, words in enumerate(shell_commands(page.read_text(encoding="utf-8")))
+]
+FAMILY_PAGES = ROOT / "docs" / "families"
 
 
-@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
-def test_readme_commands_exist(words: list[str]) -> None:
+@pytest.mark.parametrize("words", COMMANDS)
+def test_commands_of_the_pages_exist(words: list[str]) -> None:
     command = program.get_command(click.Context(program), words[0])
     assert command is not None
-    known = {flag for parameter in command.params for flag in parameter.opts}
-    assert {word for word in words if word.startswith("-")} <= known
+    known = {flag for p in command.params for flag in (*p.opts, *p.secondary_opts)}
+    given = {
+        found[1] for word in words if (found := re.fullmatch(r"(--?[a-zA-Z][\w-]*)(=.*)?", word))
+    }
+    assert given <= known
+    assert all((ROOT / word).exists() for word in words if re.fullmatch(r"datasets/[^*\[]+", word))
 
 
-@pytest.mark.parametrize("words", FITS, ids=lambda words: words[0])
-def test_logs_of_the_readme_have_the_columns(words: list[str]) -> None:
+@pytest.mark.parametrize("name", ff.family_names())
+def test_page_of_a_family_fits_its_dataset(name: str) -> None:
+    (words,) = shell_commands((FAMILY_PAGES / f"{name}.md").read_text(encoding="utf-8"))
+    assert words[0] == name
     logs = [ff.read_log(ROOT / word) for word in words if word.endswith(".csv")]
     assert len(logs) == 3
     columns = {a.split("=")[1] for o, a in pairwise(words) if o == "--column"}
@@ -61,12 +75,38 @@ def test_logs_of_the_readme_have_the_columns(words: list[str]) -> None:
         assert columns <= {column.header for column in log.columns}
 
 
-def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+@pytest.mark.parametrize("name", ff.family_names())
+def test_family_has_a_sketch_with_a_text_for_those_who_do_not_see_it(name: str) -> None:
+    root = ElementTree.parse(FAMILY_PAGES / f"{name}.svg").getroot()
+    assert len(root.attrib["aria-label"]) > 20
+    assert f"![{root.attrib['aria-label']}]({name}.svg)" in (FAMILY_PAGES / f"{name}.md").read_text(
+        encoding="utf-8"
+    )
+
+
+def test_readme_is_short_and_names_the_two_commands_of_a_clone() -> None:
+    assert len(README.splitlines()) <= 110
+    assert re.findall(r"^make (demo|test) ", README, re.MULTILINE) == ["demo", "test"]
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_c_of_the_readme_compiles(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```c\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "main.c").write_text(block, encoding="utf-8")
+    path = ROOT / "tests" / "golden" / ff.__version__ / "line.yaml"
+    for name, content in get_target("c")(make_job(path, ff.load(path))).items():
+        (tmp_path / name).write_bytes(content)
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-c", "main.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+
+def test_python_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    block = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
     (tmp_path / "datasets").symlink_to(ROOT / "datasets")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    exec(compile(block, "README.md", "exec"), names)
+    exec(compile(block, "python.md", "exec"), names)
     assert (tmp_path / "hydrostatic.yaml").is_file()
     assert names["model"] is not None
 
@@ -117,6 +157,13 @@ def first_cells(page: str, head: str) -> list[str]:
 
 # What a value means is told by hand on these pages; that none is left out is checked here.
 # Tables that follow from the program are generated: `make lint` checks them.
+def test_pages_of_recording_and_of_choice_have_every_family() -> None:
+    for page in ("which-family.md", "record.md"):
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        missing = [name for name in ff.family_names() if f"(families/{name}.md)" not in text]
+        assert missing == [], page
+
+
 def test_page_has_every_hold() -> None:
     assert {*first_cells("holds.md", "hold")} == {*get_args(Hold)}
 

@@ -6,20 +6,24 @@ functions below, each of which returns Markdown, in a comment:
     <!-- [[[cog print(docs.family("line")) ]]] -->
     <!-- [[[end]]] -->
 
-Run as a program, this module gives every family of the registry a section in
-``docs/families.md`` and every section its place; what a section says beside the tables stays.
+Run as a program, this module gives every family of the registry a page in ``docs/families``;
+what a page says beside the tables stays.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
+import os
 import re
+import shlex
+import subprocess
+import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import get_args
 
 from pydantic import BaseModel
@@ -35,10 +39,10 @@ from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Vari
 from fluidact_fit.notices import GROUPS, Code
 from fluidact_fit.options import Option, describe
 from fluidact_fit.parameters.document import ParameterDocument
+from fluidact_fit.units.table import QUANTITIES
 
 ROOT = Path(__file__).parents[1]
-FAMILIES_PAGE = ROOT / "docs" / "families.md"
-_SECTION = re.compile(r"^## (.+)$", re.MULTILINE)
+FAMILY_PAGES = ROOT / "docs" / "families"
 
 # ------------------------------------------------------------------------------- Markdown
 
@@ -71,23 +75,49 @@ def families() -> str:
     for number, name in enumerate(ff.family_names(), 1):
         notebook = f"{number:02}_{name.replace('-', '_')}.ipynb"
         rows.append(
-            (f"[{name}](#{name})", family_title(name), f"[{notebook}](../notebooks/{notebook})")
+            (
+                f"[{name}]({name}.md)",
+                family_title(name),
+                f"[{notebook}](../../notebooks/{notebook})",
+            )
         )
     return _paragraphs(table(("family", "what", "notebook"), rows))
 
 
-def family_list() -> str:
-    """Every family with its title and a link to its section, for the README."""
-    rows = [
-        (f"[{name}](docs/families.md#{name})", family_title(name)) for name in ff.family_names()
-    ]
-    return _paragraphs(table(("family", "what"), rows))
+def sketches(folder: str, columns: int = 3) -> str:
+    """Every family with the sketch of its machine, in a grid; ``folder`` holds their pages."""
+    cells = []
+    for name in ff.family_names():
+        page, what = f"{folder}{name}", family_title(name).partition(": ")[2]
+        cells.append(f"[![{name}]({page}.svg)]({page}.md)<br>[**{name}**]({page}.md)<br>{what}")
+    rows = [cells[i : i + columns] for i in range(0, len(cells), columns)]
+    return _paragraphs(table([" "] * columns, rows))
+
+
+def remedies() -> str:
+    """What to record for every parameter that a log may not determine, by family."""
+    rows = []
+    for name in ff.family_names():
+        named: dict[str, dict[str, None]] = {}  # parameters of each remedy, in order
+        for variant in ff.get_family(name).variants:
+            for spec in variant.parameters:
+                if spec.remedy:
+                    named.setdefault(spec.remedy, {})[_code(spec.name)] = None
+        rows += [(name, ", ".join(parameters), text) for text, parameters in named.items()]
+    return _paragraphs(table(("family", "parameter", "record"), rows))
 
 
 def equation(name: str) -> str:
     """Title and equation of a family."""
     family = ff.get_family(name)
-    return _paragraphs(f"{family.title}.", f"```text\n{family.equation}\n```")
+    lines = [_wrapped(part) for part in family.equation.split("; ")]
+    return _paragraphs(f"{family.title}.", "\n".join(["```text", *lines, "```"]))
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(
+        text, 80, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def family(name: str) -> str:
@@ -96,10 +126,10 @@ def family(name: str) -> str:
     parts = []
     for variant in found.variants:
         of = f" (variant `{variant.name}`)" if len(found.variants) > 1 else ""
-        parts += [f"**Roles**{of}", roles_table(variant)]
-        parts += [f"**Parameters**{of}", parameters_table(variant)]
+        parts += [f"## Roles{of}", roles_table(variant)]
+        parts += [f"## Parameters{of}", parameters_table(variant)]
     if options := options_table(found):
-        parts += ["**Options**", options]
+        parts += ["## Options", options]
     return _paragraphs(*parts)
 
 
@@ -165,17 +195,22 @@ def _values(option: Option) -> str:
     return f"{values}{unit}{default}"
 
 
+def units() -> str:
+    """Units that are read, by what they measure, the SI unit first."""
+    rows = [
+        (what.partition(" ")[2], ", ".join(map(_code, names))) for what, names in QUANTITIES.items()
+    ]
+    return _paragraphs(table(("quantity", "units"), rows))
+
+
 # ------------------------------------------------------------------------------- commands
 
 
-def fits() -> str:
-    """A command for every family, as its dataset's README has it."""
-    parts = []
-    for name in ff.family_names():
-        text = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
-        (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
-        parts += [f"### {name}", command]
-    return _paragraphs(*parts)
+def example(name: str) -> str:
+    """The command that fits the dataset of a family, as its README has it."""
+    text = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
+    return _paragraphs(command)
 
 
 def controller_file() -> str:
@@ -312,6 +347,12 @@ def fitted_file(name: str, *parts: str) -> str:
     return "\n".join(["", "```yaml", *heads, "```", ""])
 
 
+def search_cost(name: str) -> str:
+    """What the search of that fit has cost, as the file says it."""
+    details = _fit(name).document.to_dict()["fit"]["details"]
+    return _paragraphs(f"```yaml\nsearch: {_flow(details['search'])}\n```")
+
+
 @lru_cache
 def _fit(name: str) -> ff.FitResult:
     data = load_dataset(name)
@@ -349,6 +390,49 @@ def _flow(value: object) -> str:
     return '"1"' if value == "1" else str(value)
 
 
+# ------------------------------------------------------------------ what the program prints
+
+
+def run(arguments: str) -> str:
+    """A command of the program and what it prints today."""
+    printed = _printed(f"fluidact-fit {arguments}")
+    return _paragraphs(f"```sh\nfluidact-fit {arguments}\n```", f"```text\n{printed}\n```")
+
+
+def session(*commands: str) -> str:
+    """Commands as they are typed, each with what it prints today."""
+    lines = [f"$ {command}\n{_printed(command)}" for command in commands]
+    return "\n".join(["```console", *lines, "```"])
+
+
+def _printed(command: str) -> str:
+    """What a command prints on either stream without its progress, and its end unless with 0.
+
+    It runs in an empty folder, beside which ``datasets`` and ``tests`` are those of the repository.
+    """
+    with TemporaryDirectory() as folder:
+        for name in ("datasets", "tests"):
+            (Path(folder) / name).symlink_to(ROOT / name)
+        programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        done = subprocess.run(
+            shlex.split(command), cwd=folder, text=True, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env={**os.environ, "COLUMNS": "80", "PATH": programs},
+        )  # fmt: skip
+    status = f"\n(exit status {done.returncode})" if done.returncode else ""
+    printed = re.sub(r"^.* \.\.\. \(\d+ s\)\n", "", done.stdout, flags=re.MULTILINE)
+    return f"{printed.rstrip()}{status}"
+
+
+def benchmark(problem: str, tools: Sequence[str]) -> str:
+    """Rows of a problem's table in the committed benchmark, as they stand there."""
+    text = (ROOT / "docs" / "evidence" / "benchmark.md").read_text(encoding="utf-8")
+    section = text.partition(f"### {problem}: ")[2].partition("###")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    rows = {line.split("|")[1].strip().strip("*"): line for line in lines[2:]}
+    return _paragraphs("\n".join([*lines[:2], *(rows[tool] for tool in tools)]))
+
+
 # ------------------------------------------------------------------------------- exports
 
 
@@ -367,15 +451,17 @@ def exported(name: str, to: str, suffix: str, language: str, most: int = 40) -> 
     return "\n".join(["", f"```{language}", *lines[:most], *more, "```", ""])
 
 
-# --------------------------------------------------------------------- sections of families
+# ------------------------------------------------------------------------ pages of families
 
 
-def new_section(name: str) -> str:
-    """The section of a family that has none: its docstring between the generated blocks."""
+def new_page(name: str) -> str:
+    """The page of a family that has none: its docstring between the generated blocks."""
     prose = inspect.getdoc(type(ff.get_family(name))) or ""
     return textwrap.dedent(
         f"""\
-        ## {name}
+        # {name}
+
+        ![The machine]({name}.svg)
 
         <!-- [[[cog print(docs.equation("{name}")) ]]] -->
         <!-- [[[end]]] -->
@@ -385,28 +471,24 @@ def new_section(name: str) -> str:
         <!-- [[[cog print(docs.family("{name}")) ]]] -->
         <!-- [[[end]]] -->
 
+        ## Example
+
+        <!-- [[[cog print(docs.example("{name}")) ]]] -->
+        <!-- [[[end]]] -->
         """
     ).replace("@", prose)
 
 
-def arrange_sections(page: str) -> str:
-    """One section per family in the order of the registry; those of others are dropped."""
-    starts = [found.start() for found in _SECTION.finditer(page)]
-    bounds = [*starts, len(page)]
-    sections = {}
-    for start, end in pairwise(bounds):
-        text = page[start:end]
-        sections[text.partition("\n")[0].removeprefix("## ")] = text.rstrip() + "\n\n"
-    ordered = [sections.get(name) or new_section(name) for name in ff.family_names()]
-    return page[: bounds[0]] + "".join(ordered).rstrip() + "\n"
-
-
-def main() -> None:
-    """Give every family its section in ``docs/families.md``."""
-    page = FAMILIES_PAGE.read_text(encoding="utf-8")
-    if (arranged := arrange_sections(page)) != page:
-        FAMILIES_PAGE.write_text(arranged, encoding="utf-8", newline="\n")
+def arrange_pages(folder: Path) -> None:
+    """Give every family its page; a page without a family is removed."""
+    names = ff.family_names()
+    for page in folder.glob("*.md"):
+        if page.stem not in (*names, "index"):
+            page.unlink()
+    for name in names:
+        if not (page := folder / f"{name}.md").exists():
+            page.write_text(new_page(name), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
-    main()
+    arrange_pages(FAMILY_PAGES)

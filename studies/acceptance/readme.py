@@ -1,4 +1,4 @@
-"""The fits of README.md, each checked on its own logs."""
+"""The fits of the datasets' READMEs, each checked on its own logs."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ GROUP = "readme"
 
 @cache
 def commands() -> dict[str, list[str]]:
-    """The fits of README.md by family, without what they write."""
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    """The fits by family, without what they write."""
     found = {}
-    for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL):
+    for name in family_names():
+        page = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
+        (block,) = re.findall(r"```sh\nfluidact-fit (.*?)```", page, re.DOTALL)
         given = shlex.split(block.replace("\\\n", " "))
-        if given[:1] == ["fluidact-fit"] and given[1] in family_names() and "-o" in given:
-            at = given.index("-o")
-            found[given[1]] = given[1:at] + given[at + 2 :]
+        at = given.index("-o")
+        found[name] = given[:at] + given[at + 2 :]
     return found
 
 

@@ -43,14 +43,15 @@ def fit_potentiometer(
     invalid: Invalid | None = None, decimal: str | None = None, thousands: str | None = None,
     delimiter: str | None = None, skip_rows: int | None = None, header_row: int | None = None,
 ) -> FitResult:
-    """Potentiometer: rational Bezier calibration of position from the raw reading.
+    """Potentiometer or other sensor: rational Bezier calibration of the raw reading.
 
     ::
 
         reference = sum(weights[i] B_i(t) control_points[i]) / sum(weights[i] B_i(t)), t = (reading
         - reading_range[0]) / (reading_range[1] - reading_range[0])
 
-    Roles: ``reading`` [1], ``reference`` [m], ``time`` [s] (optional).
+    Roles: ``reading`` [1], ``reference`` [m or rad or Pa or N or N m or 1], ``time`` [s]
+    (optional).
 
     Parameters of the result: ``control_points`` [m], ``weights`` [1], ``reading_range`` [1],
     ``control_points_falling`` [m], ``weights_falling`` [1], ``hysteresis_dead_band`` [1].
@@ -498,11 +499,11 @@ def fit_line(
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *,
     start_state: Literal["rest", "free"] | None = None,
     offset: Literal["none", "free"] | None = None, length: float | None = None,
-    sound_speed: float | None = None, columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
-    sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
+    sound_speed: float | None = None, order: Literal["first", "second"] = "first",
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+    scales: Mapping[str, float] | None = None, sample_time: float | None = None,
+    window: tuple[float | None, float | None] | None = None, hold: Mapping[str, str] | None = None,
+    fixed: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
@@ -519,11 +520,18 @@ def fit_line(
 
     ::
 
-        outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant s + 1)
+        outlet(s)/inlet(s) = gain * exp(-dead_time s) / ((time_constant second_time_constant s^2 +)
+        time_constant s + 1)
 
-    Roles: ``time`` [s], ``inlet`` [Pa or V or A or 1], ``outlet`` [Pa or V or A or 1].
+    Roles (line): ``time`` [s], ``inlet`` [Pa or V or A or 1], ``outlet`` [Pa or V or A or 1].
 
-    Parameters of the result: ``gain`` [1], ``time_constant`` [s], ``dead_time`` [s].
+    Parameters of the result (line): ``gain`` [1], ``time_constant`` [s], ``dead_time`` [s],
+    ``second_time_constant`` [s].
+
+    Roles (command): ``time`` [s], ``command`` [V or A or 1], ``outlet`` [Pa or V or 1].
+
+    Parameters of the result (command): ``gain`` [Pa/V], ``time_constant`` [s], ``dead_time`` [s],
+    ``second_time_constant`` [s].
 
     Parameters
     ----------
@@ -538,6 +546,8 @@ def fit_line(
         Length of the line, to compare the dead time with: a number above 0 [m].
     sound_speed
         Sound speed in the line: a number above 0 [m/s].
+    order
+        Whether one time constant is estimated, or two.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
         column of its own name.
@@ -1193,7 +1203,9 @@ def fit_hydraulic_cylinder(
 def fit_hydraulic_motor(
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *,
     start_state: Literal["rest", "free"] | None = None,
-    offset: Literal["none", "free"] | None = None,
+    offset: Literal["none", "free"] | None = None, mode: Literal["dynamic", "static"] = "dynamic",
+    dead_zone: Literal["symmetric", "asymmetric"] = "symmetric",
+    command_offset: Literal["none", "estimate"] = "none",
     dead_time: Literal["none", "estimate"] = "estimate", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
@@ -1218,10 +1230,31 @@ def fit_hydraulic_motor(
         time_constant speed' + speed = sgn(w) gain / curvature (1 - exp(-curvature x)), x = min(|w|,
         saturation_command) - dead_zone, w = play(command(t - dead_time), hysteresis)
 
-    Roles: ``time`` [s], ``command`` [A or V or 1], ``speed`` [rad/s or V or m/s or m3/s or 1].
+    Roles (hydraulic-motor): ``time`` [s], ``command`` [A or V or s or 1], ``speed`` [rad/s or V or
+    m/s or m3/s or 1].
 
-    Parameters of the result: ``dead_zone`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
+    Parameters of the result (hydraulic-motor): ``dead_zone`` [A], ``dead_zone_negative`` [A],
+    ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
     ``saturation_command`` [A], ``hysteresis`` [A], ``time_constant`` [s], ``dead_time`` [s].
+
+    Roles (angle): ``time`` [s], ``command`` [A or V or s or 1], ``angle`` [rad or 1].
+
+    Parameters of the result (angle): ``dead_zone`` [A], ``dead_zone_negative`` [A],
+    ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
+    ``saturation_command`` [A], ``hysteresis`` [A], ``time_constant`` [s], ``dead_time`` [s].
+
+    Roles (position): ``time`` [s], ``command`` [A or V or s or 1], ``position`` [m or V or 1].
+
+    Parameters of the result (position): ``dead_zone`` [A], ``dead_zone_negative`` [A],
+    ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [m/s/A], ``curvature`` [1/A],
+    ``saturation_command`` [A], ``hysteresis`` [A], ``time_constant`` [s], ``dead_time`` [s].
+
+    Roles (static): ``time`` [s] (optional), ``command`` [A or V or s or 1], ``speed`` [rad/s or V
+    or m/s or m3/s or 1].
+
+    Parameters of the result (static): ``dead_zone`` [A], ``dead_zone_negative`` [A],
+    ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
+    ``saturation_command`` [A], ``hysteresis`` [A].
 
     Parameters
     ----------
@@ -1232,6 +1265,12 @@ def fit_hydraulic_motor(
         Whether the runs begin at rest or in any state.
     offset
         Whether the output has an offset.
+    mode
+        Whether the rows are samples in time or settled points, in the order recorded.
+    dead_zone
+        One dead zone, or an edge for each direction.
+    command_offset
+        Whether to estimate the command at which the motor stands still (1500 us of a servo).
     dead_time
         Whether to estimate a dead time.
     columns

@@ -16,7 +16,7 @@ from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Vari
 from fluidact_fit.options import choice, flag, number, settled
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "families.md").read_text(encoding="utf-8")
+PAGES = ROOT / "docs" / "families"
 
 
 @dataclass(frozen=True)
@@ -60,17 +60,17 @@ def with_leak(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ff, "get_family", lambda n: Leak() if n == "test-chamber" else real(n))
 
 
-def test_page_has_its_sections_in_order() -> None:
-    assert docs.arrange_sections(PAGE) == PAGE, "run: make docs"
+def test_every_family_has_its_page() -> None:
+    assert {page.stem for page in PAGES.glob("*.md")} == {*ff.family_names(), "index"}
 
 
-def test_new_family_gets_a_section_in_its_place(with_leak: None) -> None:
-    page = docs.arrange_sections(PAGE)
-    first, second = (page.index(f"## {name}\n") for name in ("potentiometer", "ball-screw"))
-    section = page[page.index("## test-chamber\n") :]
-    assert first < page.index("## test-chamber\n") < second
-    assert "A chamber that leaks." in section
-    assert docs.arrange_sections(page) == page
+def test_new_family_gets_a_page(with_leak: None, tmp_path: Path) -> None:
+    shutil.copytree(PAGES, tmp_path, dirs_exist_ok=True)
+    docs.arrange_pages(tmp_path)
+    assert "A chamber that leaks." in (tmp_path / "test-chamber.md").read_text(encoding="utf-8")
+    kept = [page for page in PAGES.glob("*.md") if (tmp_path / page.name).exists()]
+    assert all(page.read_bytes() == (tmp_path / page.name).read_bytes() for page in kept)
+    assert len(kept) == len(ff.family_names()), "of the others and the index"
 
 
 def test_tables_hold_what_the_family_says(with_leak: None) -> None:
@@ -84,8 +84,10 @@ def test_tables_hold_what_the_family_says(with_leak: None) -> None:
     assert Leak.equation in docs.equation("test-chamber")
 
 
-def test_section_of_a_family_that_is_gone_goes() -> None:
-    assert docs.arrange_sections(PAGE + "\n## windmill\n\ntext\n") == PAGE
+def test_page_of_a_family_that_is_gone_goes(tmp_path: Path) -> None:
+    (tmp_path / "windmill.md").write_text("# windmill\n", encoding="utf-8")
+    docs.arrange_pages(tmp_path)
+    assert not (tmp_path / "windmill.md").exists()
 
 
 def test_file_parts_all_say_what_they_hold() -> None:

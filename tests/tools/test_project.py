@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import fluidact_fit as ff
 import locked as locked_tools
 import oldest
 
@@ -83,10 +84,32 @@ def test_help_names_every_target() -> None:
     assert named == {*phony.split()} - {"help"}
 
 
-@pytest.mark.parametrize("path", [".github/workflows/test.yml", ".pre-commit-config.yaml"])
+HOSTED = [*(f".github/workflows/{n}.yml" for n in ("test", "release")), ".pre-commit-config.yaml"]
+
+
+@pytest.mark.parametrize("path", HOSTED)
 def test_hosted_checks_call_make(path: str) -> None:
     text = (ROOT / path).read_text(encoding="utf-8")
     assert yaml.safe_load(text)
     targets = {*re.findall(r"\bmake ([\w-]+)", text)}
     assert targets <= {*re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE)}
     assert targets
+
+
+def test_version_and_dependencies_are_the_same_everywhere() -> None:
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == ff.__version__
+    assert f'version: "{ff.__version__}"' in recipe
+    run = {
+        d.replace("matplotlib-base", "matplotlib")
+        for d in yaml.safe_load(recipe)["requirements"]["run"]
+    }
+    wanted = {re.sub(r"(?=>=)", " ", d) for d in PROJECT["project"]["dependencies"]}
+    assert run == {*wanted, f"python {PROJECT['project']['requires-python']}"}
+
+
+def test_addresses_agree() -> None:
+    source = PROJECT["project"]["urls"]["Source"]
+    for path in ("CITATION.cff", "packaging/conda/recipe.yaml"):
+        assert source in (ROOT / path).read_text(encoding="utf-8"), path
