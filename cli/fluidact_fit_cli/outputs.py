@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -21,15 +21,18 @@ _SUFFIXES = {
 }
 
 
-def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool) -> None:
+def check_targets(
+    targets: Mapping[str, str], inputs: Iterable[str], force: bool, also: Sequence[str] = ()
+) -> None:
     """Refuse outputs that cannot be written, before any work is done.
 
-    ``targets`` maps options to paths; ``inputs`` are files that are read. ``UsageError`` when a
+    ``targets`` maps options to paths; ``inputs`` are files that are read; ``also`` are suffixes
+    that this command accepts beside the usual ones. ``UsageError`` when a
     name is unsuitable, taken or given twice, ``OutputError`` when its directory is not writable.
     """
     read = [part for path in inputs for part in _parts(path)]
     for option, path in targets.items():
-        _check_name(option, path)
+        _check_name(option, path, also)
     refuse_outputs(targets.items(), read)
     for option, path in targets.items():
         _check_place(option, path, force)
@@ -46,7 +49,7 @@ def _parts(path: str) -> list[str]:
     return [str(part) for part in files_of(Path(path))] if "+" in path else [path]
 
 
-def _check_name(option: str, path: str) -> None:
+def _check_name(option: str, path: str, also: Sequence[str] = ()) -> None:
     if path == "-":
         raise UsageError(
             f"{option} - is not supported.",
@@ -54,7 +57,7 @@ def _check_name(option: str, path: str) -> None:
         )
     if not path.strip() or "\0" in path:
         raise UsageError(f"{option} has no file name.", remedy="Give one.")
-    suffixes = _SUFFIXES.get(option)
+    suffixes = (*_SUFFIXES[option], *also) if option in _SUFFIXES else ()
     if suffixes and Path(path).suffix.lower() not in suffixes:
         raise UsageError(
             f"{option} {path} has an unknown suffix.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .examination import Examined, examine
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
-from .refusal_causes import Cause, find_cause, leads
+from .refusal_causes import Cause, find_cause, leads, moves_against
 from .verdict import judge, residual_whiteness
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "judge",
     "leads",
     "most_outliers",
+    "moves_against",
     "outlier_notice",
     "residual_whiteness",
     "set_aside",

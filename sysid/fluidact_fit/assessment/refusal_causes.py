@@ -5,7 +5,7 @@ Only a refused fit is asked: each of these also occurs in a recording that is ri
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,16 +123,21 @@ def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _
 
 
 def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    """Whether the output, or its change, follows an input of the other sign alone.
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
+    return moves_against(both)
 
-    What swings follows one of either sign, half a period later.
+
+def moves_against(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> bool:
+    """Whether an output, or its change, follows an input of the other sign alone.
+
+    What swings follows one of either sign, half a period later. Pairs of input and output, shapes
+    ``(n,)`` [any units]; short ones and those of two lengths tell nothing.
     """
     along, against = 0.0, 0.0
-    for e in runs:
-        if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
+    for u, y in pairs:
+        if not u.size == y.size >= _LEAST:
             continue
-        u = e[role] - e[role].mean()
-        y = e[output] - e[output].mean()
+        u, y = u - u.mean(), y - y.mean()
         speed = y[_SPEED:] - y[:-_SPEED]
         for moved, drive in ((y, u), (speed, u[: speed.size])):
             correlations = _correlations(drive, moved, (0, *_LAGS))
