@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import filter as filter_names
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError, closest
+from fluidact_fit.errors import FluidactError, LogError, ParameterFileError, UsageError, closest
 
 from .parse import (
     Parsed,
@@ -186,8 +188,29 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
         names = _names(path)
         values = {role: value for p, role, value in constants if filter_names(names, p)}
         parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
-        logs.append(read_log(path, constants=values, exclude=parts, **given))
+        try:
+            logs.append(read_log(path, constants=values, exclude=parts, **given))
+        except LogError:
+            _refuse_own_file(path)
+            raise
     return logs
+
+
+def _refuse_own_file(path: str) -> None:
+    """Name a file of this program that was given as a log."""
+    if Path(path).suffix.lower() not in (".yaml", ".yml"):
+        return
+    with suppress(OSError), open(path, "rb") as file:
+        first = re.search(rb"^format: *fluidact-(\w+)", file.read(4096), re.MULTILINE)
+        if first is not None:
+            kind = {b"parameters": "parameter"}.get(first[1], first[1].decode("ascii", "replace"))
+            raise LogError(
+                f"is a {kind} file, not a log.",
+                where=path,
+                expected="Expected a table of recorded samples.",
+                remedy=f"`fluidact-fit report {path}` shows what is in a parameter file; "
+                f"`fluidact-fit check {path} LOG` compares it with a log.",
+            )
 
 
 def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:

@@ -95,9 +95,10 @@ def command(
     elif shown:
         show_advice(advice)
     if plot is not None:
-        write_all(_pictures(read, advice, plot), force)
+        pictures = _pictures(read, advice, plot)
+        write_all(pictures, force)
         if shown:
-            echo(f"pictures written to {plot}")
+            echo(f"pictures written to {' and '.join(pictures)}")
 
 
 def _pictures(

@@ -114,7 +114,7 @@ def _responses(panels: Sequence[Axes], views: Views) -> None:
         axes.plot(at, y, color=INPUT, linewidth=1.4, label="recorded")
         if views.model is not None:
             model = views.model * scale if scale else np.cumsum(views.model)
-            axes.plot(at, model, color=SIMULATED, linewidth=1.0, label="model, by the same estimate")
+            axes.plot(at, model, color=SIMULATED, linewidth=1.0, label="model")
         axes.set_xlim(0.0, float(x[-1]))
         axes.set_xlabel("time [s]")
     dress(impulse, _with_unit("impulse response", quotient_unit(unit, "s")))
