@@ -13,17 +13,10 @@ import numpy as np
 
 from .experiment import Experiment, FloatArray
 from .family import Variant
-from .nonparametric import (
-    CrossCorrelation,
-    FrequencyResponse,
-    ImpulseResponse,
-    cross_correlation,
-    frequency_response,
-    impulse_response,
-    respond_alike,
-)
+from .nonparametric import ImpulseResponse, impulse_response, respond_alike
 from .outcome import Outcome, Simulation
 from .specification import quotient_unit
+from .spectra import CrossCorrelation, FrequencyResponse, cross_correlation, frequency_response
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Responses of a system with one input and one output, without a model of it.
+"""Impulse and step response of a system with one input and one output, without a model of it.
 
 The impulse response ``g`` is a vector of numbers, ``y_k = c + sum_j g_j u_(k-j) + e_k``, with the
 prior covariance ``gamma s^2 lambda^max(i,j)`` that lets it be rough early and small late (the TC
@@ -7,14 +7,13 @@ the bands. Where the residual is coloured, input and output are filtered by an a
 and the estimate is repeated. An output that integrates its input
 is compared with the integral; the taps are then those of the rate.
 
-Sources: Chen, Ohlsson and Ljung, "On the estimation of transfer functions, regularizations and
-Gaussian processes - revisited", Automatica 48 (2012); Bendat and Piersol, "Random Data" (2010),
-for the frequency response; Ljung, "System Identification" (1999), 16.6, for the cross-correlation.
+Source: Chen, Ohlsson and Ljung, "On the estimation of transfer functions, regularizations and
+Gaussian processes - revisited", Automatica 48 (2012).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,9 +32,7 @@ _DECAYS = 1.0 - np.geomspace(0.004, 0.5, 14)  # lambda, per tap
 _SIZES = np.geomspace(1e-4, 1e8, 73)  # gamma, of scaled signals
 _SETTLED = 0.02  # of the largest step response, that is left in the last taps
 _ORDER = 12  # of the autoregression of the residual
-_SEGMENT = 8  # segments of a spectrum at least
 _TWO_SIDED = 1.959964  # standard deviations of a 95 % interval
-_LAGS = 30  # of a cross-correlation, to either side
 
 Runs = Sequence[tuple[FloatArray, FloatArray]]
 
@@ -88,60 +85,18 @@ class ImpulseResponse:
     @property
     def time(self) -> FloatArray:
         """Time of the taps [s], shape ``(n,)``."""
-        return self.step * np.arange(self.taps.size)
+        return self.step * np.arange(self.taps.size, dtype=float)
 
     @property
     def half_width(self) -> FloatArray:
         """Half the 95 % band of each tap, shape ``(n,)``."""
-        return _TWO_SIDED * np.sqrt(np.diag(self.covariance))
+        return np.asarray(_TWO_SIDED * np.sqrt(np.diag(self.covariance)))
 
     @cached_property
     def step_response(self) -> tuple[FloatArray, FloatArray]:
         """Sum of the taps and half its 95 % band, shapes ``(n,)``."""
         summed = np.cumsum(np.cumsum(self.covariance, axis=0), axis=1)
         return np.cumsum(self.taps), _TWO_SIDED * np.sqrt(np.maximum(np.diag(summed), 0.0))
-
-
-@dataclass(frozen=True)
-class FrequencyResponse:
-    """Frequency response by averaged spectra, shapes ``(n,)``.
-
-    Attributes
-    ----------
-    frequency
-        [Hz]
-    magnitude, phase
-        [output/input] and [rad], unwrapped.
-    coherence
-        Share of the output that is the input's by a linear system, from 0 to 1.
-    relative
-        Standard error of the magnitude as a part of it, and of the phase [rad].
-    """
-
-    frequency: FloatArray
-    magnitude: FloatArray
-    phase: FloatArray
-    coherence: FloatArray
-    relative: FloatArray
-
-
-@dataclass(frozen=True)
-class CrossCorrelation:
-    """Correlation of the residual with the input before and after it.
-
-    Attributes
-    ----------
-    lag : (n,)
-        By which the residual follows [s].
-    correlation : (n,)
-        From -1 to 1.
-    limit : float
-        Half the 99 % band of what chance makes of an unrelated pair.
-    """
-
-    lag: FloatArray
-    correlation: FloatArray
-    limit: float
 
 
 # ------------------------------------------------------------------------------ impulse response
@@ -374,108 +329,3 @@ def _regularised(tables: Sequence[tuple[FloatArray, FloatArray]], recipe: Recipe
     ratio = recipe.scales[1] / recipe.scales[0]
     return _Fit(gram, right, square, samples, replace(recipe, decay=decay, size=size),
                 ratio * taps, ratio**2 * noise * spread, 0.0)  # fmt: skip
-
-
-# ---------------------------------------------------------------------------- spectra and residual
-
-
-def frequency_response(runs: Runs, sample_time: float) -> FrequencyResponse | None:
-    """Frequency response with coherence, by Welch's averages over all runs.
-
-    Parameters
-    ----------
-    runs
-        Input and output of each, shapes ``(n,)`` [any units].
-    sample_time
-        Of all of them [s].
-
-    Returns
-    -------
-    FrequencyResponse or None
-        ``None`` where there are fewer than 64 samples, or the input does not change. The standard
-        error of the magnitude is ``|G| sqrt((1 - c) / (2 m c))`` for the coherence ``c`` and ``m``
-        independent segments.
-    """
-    from scipy.signal import csd
-
-    shortest = min(u.size for u, _ in runs)
-    length = 1 << max(int(np.log2(2 * shortest / (_SEGMENT + 1))), 0)
-    if shortest < 64 or not any(np.ptp(u) > 0.0 for u, _ in runs):
-        return None
-    cross, inputs, outputs, count = 0.0, 0.0, 0.0, 0.0
-    for u, y in runs:
-        segments = 2 * u.size / length - 1
-        spectrum = _spectrum(csd, length, sample_time)
-        cross = cross + segments * spectrum(u, y)
-        inputs = inputs + segments * spectrum(u, u).real
-        outputs = outputs + segments * spectrum(y, y).real
-        count += segments
-    ends = slice(1, None)
-    uu, yy = np.asarray(inputs)[ends], np.asarray(outputs)[ends]
-    uy = np.asarray(cross)[ends]
-    strong = uu > 1e-8 * uu.max()
-    frequency = np.fft.rfftfreq(length, sample_time)[ends][strong]
-    gain = uy[strong] / uu[strong]
-    coherence = np.clip(np.abs(uy[strong]) ** 2 / np.maximum(uu * yy, 1e-300)[strong], 0.0, 1.0)
-    independent = max(count * 0.53, 1.0)  # of halfway overlapping Hann windows
-    relative = np.sqrt((1.0 - coherence) / (2.0 * independent * np.maximum(coherence, 1e-12)))
-    return FrequencyResponse(
-        frequency, np.abs(gain), np.unwrap(np.angle(gain)), coherence, relative
-    )
-
-
-def _spectrum(
-    csd: Callable[..., tuple[FloatArray, FloatArray]], length: int, sample_time: float
-) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    def spectrum(u: FloatArray, y: FloatArray) -> FloatArray:
-        return csd(u, y, fs=1.0 / sample_time, nperseg=length, detrend="linear")[1]
-
-    return spectrum
-
-
-def cross_correlation(
-    inputs: Sequence[FloatArray], residuals: Sequence[FloatArray], sample_time: float
-) -> CrossCorrelation | None:
-    """Correlation of residual and input, and what chance makes of it.
-
-    Parameters
-    ----------
-    inputs, residuals
-        Of each run, shapes ``(n,)`` [any units]; a residual that is NaN counts as 0.
-    sample_time
-        [s]
-
-    Returns
-    -------
-    CrossCorrelation or None
-        ``None`` where either does not change. The variance of a chance correlation is
-        ``sum_k r_e(k) r_u(k) / n``, with the autocorrelations of both.
-    """
-    pairs = [(u - u.mean(), np.nan_to_num(e - np.nanmean(e)))
-             for u, e in zip(inputs, residuals, strict=True) if u.size > 2 * _LAGS]  # fmt: skip
-    size = sum(u.size for u, _ in pairs)
-    power = np.sqrt(sum(float(u @ u) for u, _ in pairs) * sum(float(e @ e) for _, e in pairs))
-    if not pairs or not power > 0.0:
-        return None
-    lags = np.arange(-_LAGS, _LAGS + 1)
-    found = sum(_products(u, e)[_around(u.size, _LAGS)] for u, e in pairs) / power
-    long = min(min(u.size for u, _ in pairs) - 1, 20 * _LAGS)
-    own = []
-    for which in (0, 1):
-        whole = sum(_products(p[which], p[which])[_around(p[0].size, long)] for p in pairs)
-        own.append(np.asarray(whole) / float(np.asarray(whole)[long]))
-    variance = max(float(own[0] @ own[1]), 1.0) / size
-    return CrossCorrelation(
-        sample_time * lags, np.asarray(found), 2.5758 * float(np.sqrt(variance))
-    )
-
-
-def _products(u: FloatArray, e: FloatArray) -> FloatArray:
-    """Sums ``sum_k u_k e_(k+lag)``, shape ``(2 n - 1,)``, lag 0 in the middle."""
-    length = 2 * u.size
-    whole = np.fft.irfft(np.conj(np.fft.rfft(u, length)) * np.fft.rfft(e, length), length)
-    return np.r_[whole[u.size + 1 :], whole[: u.size]]
-
-
-def _around(size: int, lags: int) -> slice:
-    return slice(size - 1 - lags, size + lags)
