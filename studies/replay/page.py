@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fluidact_fit.control.loop import Response
+from fluidact_fit.control.loop import LoopResponse
 
 from . import force, hydrostatic, pneumatic
 from .table import HEAD
@@ -17,7 +17,7 @@ class Runs:
 
     hydrostatic: hydrostatic.Runs
     pneumatic: list[pneumatic.Insertion]
-    force: Mapping[force.Key, Response]
+    force: Mapping[force.Key, LoopResponse]
 
 
 def run() -> Runs:

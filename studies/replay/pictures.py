@@ -9,7 +9,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fluidact_fit.control.loop import Response
+from fluidact_fit.control.loop import LoopResponse
 from fluidact_fit.report.style import (
     FAINT,
     INK,
@@ -56,13 +56,13 @@ def _panels(height: float, *heights: float) -> tuple[Figure, Sequence[Axes]]:
     return figure, column
 
 
-def _course(axes: Axes, r: Response, values: str, colour: str, label: str = "") -> None:
+def _course(axes: Axes, r: LoopResponse, values: str, colour: str, label: str = "") -> None:
     """Output or error in millimetres."""
     axes.plot(r.time, 1e3 * getattr(r, values), color=colour, linewidth=1.2, label=label)
     axes.set_ylabel({"output": "position [mm]", "error": "error [mm]"}[values])
 
 
-def _reference(axes: Axes, r: Response) -> None:
+def _reference(axes: Axes, r: LoopResponse) -> None:
     axes.plot(r.time, 1e3 * r.reference, color=MEASURED, linewidth=1.2, label="reference")
 
 
@@ -84,7 +84,7 @@ def _step(runs: hydrostatic.Runs) -> Figure:
     return figure
 
 
-def _triangle(r: Response) -> Figure:
+def _triangle(r: LoopResponse) -> Figure:
     figure, (top, bottom) = _panels(4.2, 2.0, 1.0)
     _reference(top, r)
     _course(top, r, "output", SIMULATED, "position")
@@ -139,7 +139,7 @@ def _pneumatic(runs: Sequence[pneumatic.Insertion]) -> Figure:
     return figure
 
 
-def _force(runs: Mapping[force.Key, Response]) -> Figure:
+def _force(runs: Mapping[force.Key, LoopResponse]) -> Figure:
     figure = Figure(figsize=(_WIDTH, 5.4), layout="constrained")
     each = figure.subplots(len(force.SOURCE), 1, sharex=True)
     for axes, (size, error) in zip(each, force.SOURCE.items(), strict=True):

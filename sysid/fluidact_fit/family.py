@@ -153,8 +153,16 @@ class Family(ABC, Generic[OptionsT]):
         return self.variants
 
     def variant(self, name: str | None) -> Variant:
-        """The variant of that name; a single one need not be named."""
-        return next((v for v in self.variants if v.name == name), self.variants[0])
+        """The variant of that name; without one, the first.
+
+        Raises
+        ------
+        KeyError
+            When the family has none of that name: what people write is checked before.
+        """
+        if name is None:
+            return self.variants[0]
+        return {v.name: v for v in self.variants}[name]
 
     @abstractmethod
     def estimate(

@@ -14,7 +14,7 @@ import fluidact_fit as ff
 from fluidact_fit.block import Port
 from fluidact_fit.control.closed_loop import ClosedLoop
 from fluidact_fit.control.controllers import Gains, PDController, Travel
-from fluidact_fit.control.loop import Response
+from fluidact_fit.control.loop import LoopResponse
 from fluidact_fit.control.metrics import tracking_metrics
 from fluidact_fit.control.plants.drive import (
     Drive,
@@ -359,7 +359,7 @@ def test_the_drive_of_a_force_has_its_unit() -> None:
                        drive_unit="Pa")  # fmt: skip
     one = np.zeros(2)
     measured = {"force": one, "position": one, "drive": one}
-    response = Response(np.arange(2) * 0.01, one, one, one[:, None], measured)
+    response = LoopResponse(np.arange(2) * 0.01, one, one, one[:, None], measured)
     controller = PDController(Gains(1.0, 0.0), Travel("force"), 0.01)
     loop = ClosedLoop(
         plant, controller, response, (), 0, None, tracking_metrics(one, one), None

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fluidact_fit.estimation.recursion import Response, clamped
+from fluidact_fit.estimation.recursion import BlockRecursion, clamped
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 200), st.booleans())
@@ -48,7 +48,7 @@ def test_a_response_in_blocks_is_that_of_the_loop(
     for w in u:
         out.append(row @ x + direct @ w)
         last, x = x, phi @ x + gamma @ w
-    y, state = Response(phi, gamma, row, direct).run(u, start)
+    y, state = BlockRecursion(phi, gamma, row, direct).run(u, start)
     for part in (np.real, np.imag):
         size = max(np.abs(part(out)).max(), 1e-300)
         assert np.abs(part(y) - part(out)).max() < 1e-11 * size

@@ -20,7 +20,7 @@ import fluidact_fit as ff
 from fluidact_fit.block import Block
 from fluidact_fit.control.controller_file import read_controller_file
 from fluidact_fit.control.controllers import Controller
-from fluidact_fit.control.loop import Response, run_loop
+from fluidact_fit.control.loop import LoopResponse, run_loop
 from fluidact_fit.control.machines import make_controller, make_plant
 from fluidact_fit.control.references import Reference
 from fluidact_fit.errors import ControllerFileError, UsageError
@@ -145,7 +145,7 @@ def exported(tmp_path: Path, kind: str, to: str = "c") -> list[Path]:
     return export(files, to, tmp_path, accept_not_identified=True, controller=controller)
 
 
-def loop_of(tmp_path: Path, kind: str, call: Call | None = None) -> Response:
+def loop_of(tmp_path: Path, kind: str, call: Call | None = None) -> LoopResponse:
     """The loop with what was exported, or with the Python controller."""
     file, blocks = read_controller_file(tmp_path / "loop.yaml"), blocks_of(LOOPS[kind][1])
     plant = make_plant(file, blocks)

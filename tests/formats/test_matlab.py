@@ -201,3 +201,36 @@ def test_a_file_that_is_cut_in_its_first_bytes_is_no_text(
     path.write_bytes(magic[:left])
     with pytest.raises(LogError, match=f"only {left} bytes"):
         read_log(path)
+
+
+def test_a_version_4_that_is_cut_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": T, "x": T**2}, format="4")
+    raw = path.read_bytes()
+    for size, told in ((1000, "MATLAB 4 file that is cut: its first matrix ends at byte 1622"),
+                       (2500, "MATLAB 4 file is cut or damaged .Not enough bytes")):  # fmt: skip
+        path.write_bytes(raw[:size])
+        with pytest.raises(LogError, match=told):
+            read_log(path)
+    huge = struct.pack("<5i", 0, 2**31 - 1, 2**31 - 1, 0, 2) + b"x\0" + bytes(100)
+    path.write_bytes(huge)
+    with pytest.raises(LogError, match="is cut"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "told"),
+    [
+        (b"ARROW1\0\0", "a Feather or Arrow file.*to_parquet"),
+        (b"\x93NUMPY\x01\0", "an array of NumPy"),
+        (b"\x80\x05\x95", "a pickle of Python, which can run code"),
+        (b"ULog\x01\x12\x35\x01", "a ULog file of PX4"),
+    ],
+)
+def test_what_else_is_recorded_is_called_by_its_name(
+    tmp_path: Path, head: bytes, told: str
+) -> None:
+    path = tmp_path / "log.bin"
+    path.write_bytes(head + bytes(range(256)))
+    with pytest.raises(LogError, match=f"(?s){told}"):
+        read_log(path)

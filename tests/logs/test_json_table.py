@@ -11,7 +11,7 @@ import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError
-from fluidact_fit.logs import Log, read_log
+from fluidact_fit.logs import Log, describe, read_log
 
 RECORDS = [{"time (ms)": 10 * k, "p (bar)": 0.5 * k, "u": k % 3} for k in range(40)]
 FRAME = pd.DataFrame(RECORDS)
@@ -23,6 +23,12 @@ def read(folder: Path, text: str, **options: object) -> Log:
     return read_log(path, **options)
 
 
+NAMES = ["time", "p", "u"]
+UNITS = {"time": "ms", "p": "bar"}
+LISTS = dict(zip(NAMES, (FRAME[name].tolist() for name in FRAME)))
+CHANNELS = {name: {"unit": UNITS.get(name), "values": LISTS[name]} for name in NAMES}
+ROWS = FRAME.to_numpy().tolist()
+NESTED = '{"v": ' * 9 + "1" + "}" * 9
 FORMS = {
     "records": json.dumps(RECORDS),
     "records, indented": json.dumps(RECORDS, indent=2),
@@ -38,6 +44,18 @@ FORMS = {
     "units apart": json.dumps(
         {"units": {"time": "ms", "p": "bar"},
          "data": [dict(zip(["time", "p", "u"], r.values())) for r in RECORDS]}
+    ),
+    "channels": json.dumps([{"name": k, **channel} for k, channel in CHANNELS.items()]),
+    "channels in an object": json.dumps(
+        {"rig": "B", "channels": [{"label": k, **channel} for k, channel in CHANNELS.items()]}
+    ),
+    "channels by name": json.dumps(CHANNELS),
+    "time beside signals": json.dumps(
+        {"units": UNITS, "time": LISTS["time"], "signals": {k: LISTS[k] for k in ("p", "u")}}
+    ),
+    "names and rows": json.dumps({"columns": list(FRAME), "rows": ROWS}),
+    "fields and values": json.dumps(
+        {"fields": [{"name": k, "unit": UNITS.get(k)} for k in NAMES], "values": ROWS}
     ),
     **{f"pandas {o}": FRAME.to_json(orient=o) for o in ("split", "records", "index", "columns")},
 }  # fmt: skip
@@ -57,6 +75,30 @@ def test_every_form_is_one_table(tmp_path: Path, form: str) -> None:
     )
     beside = [n.message for n in log.notices if n.code == "variables-left-out"]
     assert bool(beside) == ("rig" in FORMS[form])
+
+
+def test_objects_and_short_lists_are_columns_of_their_own(tmp_path: Path) -> None:
+    records = [{"t": k, "valve": {"p_bar": 0.5 * k, "x": [k, -k]}} for k in range(40)]
+    for text in (json.dumps(records), "\n".join(map(json.dumps, records))):
+        log = read(tmp_path, text)
+        assert [c.header for c in log.columns] == ["t", "valve.p_bar", "valve.x[0]", "valve.x[1]"]
+        assert [c.unit for c in log.columns] == [None, "bar", None, None]
+        assert log.columns[3].values[-1] == -39.0
+
+
+@pytest.mark.parametrize("form", ["epoch", "iso"])
+@pytest.mark.parametrize("orient", ["split", "index", "columns"])
+def test_an_index_of_instants_is_the_time(tmp_path: Path, orient: str, form: str) -> None:
+    instants = pd.Timestamp("2024-05-01 10:00") + pd.to_timedelta(10 * np.arange(40), unit="ms")
+    frame = pd.DataFrame({"p": FRAME["p (bar)"].to_numpy()}, index=instants)
+    if form == "epoch":
+        frame.index = [int(t.timestamp() * 1000) for t in instants]
+    else:
+        frame.index = [t.isoformat() for t in instants]
+    log = read(tmp_path, frame.to_json(orient=orient))
+    assert [c.header for c in log.columns] == ["time", "p"]
+    time = describe(log)["time"]
+    assert (time["column"], time["sample_time"]) == (1, pytest.approx(0.01, rel=1e-5))
 
 
 def test_lines_count_as_those_of_text(tmp_path: Path) -> None:
@@ -97,8 +139,10 @@ def test_stamps_keep_all_their_digits(tmp_path: Path) -> None:
     [
         ('[{"t": 1, "t": 2}, {"t": 3}]', "'t' stands twice"),
         ('{"t": [1, 2, 3], "t": [1, 2, 3]}', "'t' stands twice"),
-        ('[{"t": 0, "p": {"v": 1}}, {"t": 1, "p": {"v": 2}}]', "record 1: 'p' holds an object"),
-        ('[{"t": 0, "p": [1, 2]}, {"t": 1, "p": [1, 2]}]', "'p' holds a list"),
+        (f'[{{"t": 0, "p": {NESTED}}}, {{"t": 1, "p": {NESTED}}}]', "'p.v.v.v.v.v.v.v.v' holds an"),
+        (f'[{{"t": 0, "p": {[1] * 17}}}, {{"t": 1, "p": {[1] * 17}}}]', "'p' holds a list"),
+        ('[{"p.v": 1, "p": {"v": 1}}, {"t": 1}]', "a record has two values for 'p.v'"),
+        ('{"channels": [{"name": "t", "values": [1, 2]}, {"name": "p", "values": [1]}]}', "length"),
         ('{"a":' * 100_000, "nested too deeply"),
         ("[" * 100_000, "nested too deeply"),
         ('{"t": [1, 2, 3], "p": [1, 2]}', "differ in length: 't' 3, 'p' 2"),

@@ -33,6 +33,7 @@ def instants(path: Path) -> np.ndarray:
     "Zeit", "ZEIT", "zeit_s", "Zeit [s]", "Zeit in s", "Uhrzeit", "Zeitstempel", "timestamp",
     "TimeStamp", "TIME_STAMP", "Time stamp", "tiempo", "Temps (s)", "Tempo", "tout", "Tout",
     "X_Value", "x", "elapsed", "Elapsed Time (s)", "Sekunden", "sec", "datetime", "時間", "时间",
+    "ts", "stamp", "simTime", "rowTimes",
 ])  # fmt: skip
 def test_a_name_of_time_is_the_time(tmp_path: Path, header: str) -> None:
     assert instants(write(tmp_path, header)) == pytest.approx(T)

@@ -151,8 +151,6 @@ def _description(log: Log, family: str | None) -> dict[str, Any]:
 
 def show_advice(advice: Sequence[Suggestion]) -> None:
     """Say which families fit, what they do not determine, and what to run."""
-    from fluidact_fit.outcome import percent_text
-
     echo()
     if not advice:
         echo_wrapped(
@@ -161,18 +159,7 @@ def show_advice(advice: Sequence[Suggestion]) -> None:
             "",
         )
         return
-    head = ["family", "verdict", "fit", "columns"]
-    rows = [
-        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
-         " ".join(f"{role}={at}" for role, at in s.columns.items())]
-        for s in advice
-    ]  # fmt: skip
-    if max(len(row[3]) for row in rows) > text_width() - _BESIDE:
-        for family, verdict, percent, columns in rows:
-            echo(f"{family:<19} {verdict:<9} {percent:>9}")
-            echo_wrapped(columns, "    ", "    ")
-    else:
-        echo_table([head, *rows], right=(2,))
+    _show_families(advice)
     best = advice[0]
     for name, message in best.not_identified.items():
         echo_wrapped(f"not determined: {message or name}")
@@ -188,6 +175,23 @@ def show_advice(advice: Sequence[Suggestion]) -> None:
     echo("next:" if not best.guessed or len(advice) == 1 else "next, one of:")
     for s in advice if best.guessed else advice[:1]:
         echo(f"  {s.powershell if os.name == 'nt' else s.command}")
+
+
+def _show_families(advice: Sequence[Suggestion]) -> None:
+    """A table of the families; their columns below them where the terminal is narrow."""
+    from fluidact_fit.outcome import percent_text
+
+    rows = [
+        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
+         " ".join(f"{role}={at}" for role, at in s.columns.items())]
+        for s in advice
+    ]  # fmt: skip
+    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
+        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
+        return
+    for family, verdict, percent, columns in rows:
+        echo(f"{family:<19} {verdict:<9} {percent:>9}")
+        echo_wrapped(columns, "    ", "    ")
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
@@ -211,10 +215,9 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     dialect = found["dialect"]
     separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
     echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
-    echo_wrapped(
-        f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
-        f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
-    )
+    text = f", {dialect['encoding']}, separator {separator}, decimal '{dialect['decimal']}', "
+    text += f"data from line {dialect['first_data_line']}"
+    echo_wrapped(f"format: {dialect['name']}{text if separator else ''}")
     if found["elements"]:
         _show_elements(found["elements"])
     else:

@@ -124,7 +124,9 @@ class CorrectedScore:
         found = self.products(columns)
         return (found.triangle, found.rows) if found.finite else None
 
-    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
+    def regress(
+        self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
+    ) -> TermRegression | None:
         """As of :class:`.NoiseTreatment`; the error allows for noise in the columns."""
         products = self.products(columns)
         if not products.finite or products.weak:

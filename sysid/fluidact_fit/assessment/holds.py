@@ -63,7 +63,7 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
         tried = [t for h in others if (t := _shift(at, role.name, h))]
         # no command carries noise: what does was measured, and may have moved in between
         noisy = role.hold == "auto" and role.name in at.solution.noise.inputs
-        if not at.solution.minimised and not (noisy and taken == "zoh"):
+        if not at.solution.residuals_are_fitted and not (noisy and taken == "zoh"):
             tried = [t for t in tried if _explains_forces(at, t)]
         found = _best_hold(tried, [e.signals[role.name] for e in experiments])
         if found is None:

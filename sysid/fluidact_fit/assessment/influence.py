@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.agreement_of_logs import Drift, compare_logs
+from ..estimation.agreement_of_logs import LogDisagreement, compare_logs
 from ..estimation.blocks import condensed
 from ..experiment import Experiment, FloatArray, IndexArray
 from ..logs.log import count_of
@@ -348,12 +348,12 @@ def _halves(
     return parts, [0, 1] * len(at.series)
 
 
-def _differ(at: Optimum, d: Drift) -> bool:
+def _differ(at: Optimum, d: LogDisagreement) -> bool:
     least = policy.HALVES_DIFFER * abs(at.number(d.parameter))
     return d.p_value < policy.HALVES and abs(d.difference) > least
 
 
-def _halves_notice(at: Optimum, d: Drift) -> Notice:
+def _halves_notice(at: Optimum, d: LogDisagreement) -> Notice:
     return Notice(
         "halves-disagree",
         f"the first and the second half of the data give a {d.parameter} that differs by "

@@ -22,7 +22,7 @@ from ..rows import blocks, side_by_side
 from . import policy
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
-_ASIDE = 12, 24  # rows; farther than a velocity is computed from
+_NEARBY = 12, 24  # rows; farther than a velocity is computed from
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,15 @@ class TermRegression:
 class NoiseTreatment(Protocol):
     """Regression of the residual of a fit that allows for its noise."""
 
-    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
-        """Regress on the derivatives and one column; ``None`` where nothing can be said."""
+    def regress(
+        self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
+    ) -> TermRegression | None:
+        """Regress on the derivatives and one column; ``None`` where nothing can be said.
+
+        ``instruments`` are that column without the noise of inputs, where that is known: for a
+        treatment by instruments, which otherwise takes its mean over rows before and after that
+        share no sample with it.
+        """
         ...
 
     def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
@@ -184,7 +191,9 @@ class Whitened:
             return None
         return np.asarray(np.linalg.qr(table.whitened, mode="r")), table.rows
 
-    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
+    def regress(
+        self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
+    ) -> TermRegression | None:
         """As of :class:`NoiseTreatment`."""
         found = self.triangle(columns)
         return None if found is None else solve_triangle(*found)
@@ -198,31 +207,29 @@ class Instrumented:
     ----------
     instruments
         Derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)`` each.
-    stand_ins
-        The further column likewise, shape ``(n_i,)``. Without them it is represented by its mean
-        over rows before and after that share no sample with it.
     """
 
     augmented: AugmentedJacobian
     instruments: Sequence[FloatArray]
-    stand_ins: Sequence[FloatArray] = ()
 
     def triangle(self, columns: Sequence[FloatArray]) -> None:
         """Nothing: several directions at once would be those of the noise."""
         return
 
-    def regress(self, columns: Sequence[FloatArray]) -> TermRegression | None:
+    def regress(
+        self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
+    ) -> TermRegression | None:
         """As of :class:`NoiseTreatment`."""
         table = _with_columns(self.augmented, columns)
-        aside = self.stand_ins or [_aside(c) for c in columns]
-        represented = _with_columns(self.augmented, aside, self.instruments)
-        if not table.finite or not represented.finite:
+        instead = instruments or [_mean_nearby(c) for c in columns]
+        exogenous = _with_columns(self.augmented, instead, self.instruments)
+        if not table.finite or not exogenous.finite:
             return None
         rows = table.tables
         stacked = np.vstack(rows)
         design, residual = stacked[:, :-1], stacked[:, -1]
-        instruments = np.vstack(represented.tables)[:, :-1]
-        projected = instruments @ explain(design, instruments)
+        z = np.vstack(exogenous.tables)[:, :-1]
+        projected = z @ explain(design, z)
         triangle = np.asarray(np.linalg.qr(projected, mode="r"))
         own, whole = abs(float(triangle[-1, -1])), float(np.linalg.norm(triangle[:, -1]))
         x = scaled_least_squares(projected, residual)
@@ -243,9 +250,9 @@ def _with_columns(
     return AugmentedJacobian(known, columns, table.residuals, table.roles, table.free)
 
 
-def _aside(column: FloatArray) -> FloatArray:
+def _mean_nearby(column: FloatArray) -> FloatArray:
     """Mean of a column, shape ``(n,)``, over rows before and after every one."""
-    near, far = _ASIDE
+    near, far = _NEARBY
     total, k = np.concatenate(([0.0], np.cumsum(column))), np.arange(column.size)
     first = np.clip([k - far, k + near], 0, column.size)
     last = np.clip([k - near + 1, k + far + 1], 0, column.size)

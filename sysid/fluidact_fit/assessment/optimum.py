@@ -170,16 +170,13 @@ class Optimum:
         )
 
     def regress(
-        self, columns: Sequence[FloatArray], stand_ins: Sequence[FloatArray] = ()
+        self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
     ) -> TermRegression | None:
         """Regress the residual on the derivatives and one more column of every series.
 
-        ``stand_ins`` are that column without noise of inputs, where that is known.
+        ``instruments`` are that column without the noise of inputs, where that is known.
         """
-        noise = self.noise
-        if isinstance(noise, Instrumented):
-            noise = replace(noise, stand_ins=stand_ins)
-        return noise.regress(columns)
+        return self.noise.regress(columns, instruments)
 
     @cached_property
     def noise(self) -> NoiseTreatment:
@@ -270,12 +267,12 @@ class Optimum:
             factor = _PART * self.sigma / size
             if timed or 0.5 < factor < 2.0:
                 break  # the first steps may say nothing but rounding
-        aside = self._represented(moved(plant, name, step))
-        return [c / step for c in columns], [c / step for c in aside]
+        instruments = self._instruments(moved(plant, name, step))
+        return [c / step for c in columns], [c / step for c in instruments]
 
-    def _represented(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
+    def _instruments(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
         """What slightly other values add to the model with what stands in for noisy inputs."""
-        simulate = self.solution.noise.represented if self.instruments else None
+        simulate = self.solution.noise.simulate_instruments if self.instruments else None
         if simulate is None:
             return []
         then, now = (simulate(p, self.experiments) for p in (plant, self.plant))

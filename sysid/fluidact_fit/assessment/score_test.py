@@ -99,7 +99,7 @@ class Score:
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
-    found = at.regress(term.columns, term.stand_ins)
+    found = at.regress(term.columns, term.instruments)
     if found is None or not found.distinct:
         return None
     plain = _score(at, term, found.shifts, found.size, found.error)
@@ -114,7 +114,7 @@ def _score(at: Optimum, term: Term, shifts: FloatArray, size: float, error: floa
     worst = int(np.argmax(np.abs(errors)))
     deviations = _as_one(size / max(error, 1e-300), term.chosen)
     shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
-    kept = replace(term, columns=(), stand_ins=())  # those of many terms are too much to keep
+    kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
         kept, size, deviations, at.names[worst], float(shifts[worst]), float(errors[worst]),
         float(shares.max()),

@@ -104,8 +104,8 @@ def _finite(entry: dict[str, Any]) -> dict[str, Any]:
 def _dependences(at: Optimum, held: str) -> list[dict[str, Any]]:
     """Every parameter that would leave its interval for a possible value of the held one."""
     spec, value = at.variant.parameter(held), at.number(held)
-    columns, aside = at.slopes(at.plant, held) or ((), ())
-    found = at.regress(columns, aside) if columns else None
+    columns, instruments = at.slopes(at.plant, held) or ((), ())
+    found = at.regress(columns, instruments) if columns else None
     if found is None or not any(map(np.any, columns)):
         return []
     ends = value + found.size + 2.0 * found.error * np.array([-1.0, 1.0])

@@ -65,7 +65,7 @@ class Term:
         What a size would mean (what follows "the data fit better if"), and what to do.
     columns
         Directions of every series per unit of the size, as the residuals are, ``(n_i,)``.
-    stand_ins
+    instruments
         The same without noise of inputs, where that is known.
     offered
         Whether an option or a parameter of the family has it estimated: it is named first.
@@ -90,7 +90,7 @@ class Term:
     least: float = policy.LEAST
     chosen: int = 1
     positive: bool = False
-    stand_ins: Sequence[FloatArray] = ()
+    instruments: Sequence[FloatArray] = ()
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -177,13 +177,15 @@ def _parameters(at: Optimum) -> Iterator[Term]:
         slopes = at.slopes(replace(at.plant, values={**at.plant.values, name: value}), name)
         if slopes is None:
             continue
-        columns, aside = slopes
+        columns, instruments = slopes
         option = f"another --fix {name}=VALUE"
         if name in freed:
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
         apart = spec.general and name not in table
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
-        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True, stand_ins=aside)
+        yield Term(
+            name, spec.unit, words, f"Try {option}.", columns, offered=True, instruments=instruments
+        )
 
 
 def _effects(at: Optimum) -> Iterator[Term]:

@@ -26,7 +26,7 @@ from .controller_numbers import Entry, numbers_of
 from .controllers import Controller
 from .extrapolation import extrapolations
 from .loading import make_block
-from .loop import Course, Response, run_loop
+from .loop import Course, LoopResponse, run_loop
 from .machines import make_controller, make_plant
 from .margins import Margins, loop_margins
 from .metrics import StepMetrics, TrackingMetrics, step_metrics, tracking_metrics
@@ -52,7 +52,7 @@ class ClosedLoop:
     plant, controller
         As the parameter files describe them.
     nominal
-        Response of that plant.
+        LoopResponse of that plant.
     drawn
         Responses of the drawn plants; those that ran away or hit a limit are ``failed``.
     step
@@ -69,8 +69,8 @@ class ClosedLoop:
 
     plant: Plant
     controller: Controller
-    nominal: Response
-    drawn: tuple[Response, ...]
+    nominal: LoopResponse
+    drawn: tuple[LoopResponse, ...]
     failed: int
     step: StepMetrics | None
     tracking: TrackingMetrics

@@ -9,7 +9,7 @@ import numpy as np
 from ..block import Block, ValidRange
 from ..experiment import FloatArray
 from .controllers import Controller
-from .loop import Response
+from .loop import LoopResponse
 from .plants.base import Plant
 
 _SLACK = 1e-6  # of a range: what is no farther beyond it is rounding
@@ -17,7 +17,7 @@ _SPEEDS = ("velocity", "angular_velocity")
 
 
 def extrapolations(
-    blocks: Sequence[Block], plant: Plant, controller: Controller, response: Response
+    blocks: Sequence[Block], plant: Plant, controller: Controller, response: LoopResponse
 ) -> Iterator[str]:
     """Yield a line for every role that goes beyond the range of a file.
 
@@ -42,7 +42,7 @@ def extrapolations(
                 yield from _reached(block, role, known, values, plant)
 
 
-def _commands(plant: Plant, response: Response) -> Mapping[str, FloatArray]:
+def _commands(plant: Plant, response: LoopResponse) -> Mapping[str, FloatArray]:
     """Commands by the role of what they drive; those of both chambers are of one."""
     found: dict[str, FloatArray] = {}
     for port, values in zip(plant.commands, response.commands.T):
@@ -51,7 +51,7 @@ def _commands(plant: Plant, response: Response) -> Mapping[str, FloatArray]:
     return found
 
 
-def _seen(role: str, plant: Plant, response: Response) -> FloatArray | None:
+def _seen(role: str, plant: Plant, response: LoopResponse) -> FloatArray | None:
     """What was measured of a role, and wanted of it; ``None`` of one that nothing measures."""
     if role == plant.controlled.role:
         return np.append(response.output, response.reference)

@@ -18,7 +18,7 @@ _FAR = 1e4  # times as far off as the reference ever goes: the loop runs away
 
 
 @dataclass(frozen=True)
-class Response:
+class LoopResponse:
     """What happened, sample by sample.
 
     Attributes
@@ -65,7 +65,7 @@ def count_samples(duration: float, sample_time: float) -> int:
 
 def run_loop(
     plant: Plant, controller: Controller, reference: Course, duration: float, start: float
-) -> Response:
+) -> LoopResponse:
     """Run the loop from rest.
 
     At every sample the plant is measured, the controller steps at once, and its commands are held
@@ -114,4 +114,4 @@ def run_loop(
         commands.append(command)
         plant.advance(command)
     table = {role: np.array([row[role] for row in rows]) for role in rows[0]}
-    return Response(time, wanted, table[plant.controlled.role], np.array(commands), table)
+    return LoopResponse(time, wanted, table[plant.controlled.role], np.array(commands), table)

@@ -21,8 +21,8 @@ from .uncertainty import covariance
 
 
 @dataclass(frozen=True)
-class Drift:
-    """Drift of one log in one parameter.
+class LogDisagreement:
+    """Disagreement of one log with the others in one parameter.
 
     ``difference`` is the estimate from the log less that from the others [unit of the
     parameter], ``deviations`` that difference in its standard errors, ``p_value`` its
@@ -54,8 +54,8 @@ def compare_logs(
     names: Sequence[str],
     least: float = 0.0,
     readings: Sequence[tuple[FloatArray, float]] = (),
-) -> tuple[list[Drift], dict[int, float]]:
-    """Drift of every log in every parameter, and the error of each predicted by the others.
+) -> tuple[list[LogDisagreement], dict[int, float]]:
+    """Disagreement of every log in every parameter, and the error of each predicted by the others.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def compare_logs(
     every = list(dict.fromkeys(logs))
     parts = {k: _part(jacobian, residuals, readings, logs, k) for k in every}
     left_out = {k: _predicted_error(parts, k) for k in every} if len(every) > 2 else {}
-    drifts: list[Drift] = []
+    drifts: list[LogDisagreement] = []
     rest = dict(parts)
     tests = len(every) * len(names)
     while len(rest) > 1:
@@ -145,7 +145,7 @@ def _drift(
     names: Sequence[str],
     tests: int,
     least: float,
-) -> Drift:
+) -> LogDisagreement:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
     inverse, vague = _inverse(information)
@@ -160,7 +160,7 @@ def _drift(
     z = np.where(np.isfinite(z) & (least * alone <= together), z, 0.0)
     worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
-    return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
+    return LogDisagreement(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
 
 
 def _predicted_error(parts: dict[int, _Part], k: int) -> float:

@@ -14,6 +14,12 @@ def lengths(columns: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ij,ij->j", columns, columns)))
 
 
+def column_scales(columns: FloatArray) -> FloatArray:
+    """Lengths of columns, 1 where a column is zero, shape ``(q,)``."""
+    size = lengths(columns)
+    return np.where(size == 0.0, 1.0, size)
+
+
 def orthonormal(columns: FloatArray) -> FloatArray:
     """Orthonormal basis of the span of some columns; negligible directions are left out."""
     norms = lengths(columns)
@@ -43,8 +49,7 @@ def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
 
 def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
     """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
-    scale = lengths(columns)
-    scale[scale == 0.0] = 1.0
+    scale = column_scales(columns)
     found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
     return np.asarray(found / scale[:, None])
 
@@ -60,8 +65,7 @@ def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> 
     ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
     columns, each of length one, that counts.
     """
-    scale = lengths(a)
-    scale[scale == 0.0] = 1.0
+    scale = column_scales(a)
     return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
 
 
@@ -88,8 +92,7 @@ def bounded_least_squares(
         return x, active | (low == high)
     from scipy.optimize import lsq_linear
 
-    scale = np.linalg.norm(a, axis=0)
-    scale[scale == 0.0] = 1.0
+    scale = column_scales(a)
     width = np.where(high > low, high, np.nextafter(low, np.inf))
     found = lsq_linear(a / scale, y, bounds=(low * scale, width * scale), method="bvls")
     return np.clip(found.x / scale, low, high), found.active_mask != 0

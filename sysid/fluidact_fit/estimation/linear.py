@@ -31,7 +31,7 @@ from ..experiment import Array, FloatArray
 from ..rows import part_of
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
-from .recursion import Response, orbit, scan
+from .recursion import BlockRecursion, orbit, scan
 
 # Taylor coefficients of exp up to degree 15, four to a row; what is left out is
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
@@ -358,13 +358,13 @@ def _even_pieces(
 
 def _response(
     a: Array, b: Array, c: Array, step: FloatArray, late: complex, degree: int
-) -> Response:
+) -> BlockRecursion:
     """Outputs ``late`` [s] after nodes that are a step apart, shape ``(1,)`` [s]."""
     phi, gamma = _scaled_transition(a, b, step, degree)
     if abs(late) == 0.0:
-        return Response(phi[0], gamma[0], c, np.zeros(degree + 1))
+        return BlockRecursion(phi[0], gamma[0], c, np.zeros(degree + 1))
     on, more = _scaled_transition(a, b, np.array([late]), degree)
-    return Response(phi[0], gamma[0], c @ on[0], c @ more[0])
+    return BlockRecursion(phi[0], gamma[0], c @ on[0], c @ more[0])
 
 
 def _are_alike(nodes: Grid, samples: Grid) -> bool:

@@ -85,7 +85,7 @@ def _notices(
     signal = noise.experiments[0].signals[noise.role]
     errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
     level = f"'{noise.role}' carries noise of about {signal.text(noise.sigma, '.2g')} rms"
-    most, worst = _largest(found.bias / errors), _largest(found.left / errors)
+    most, worst = _most_moved(found.bias / errors), _most_moved(found.left / errors)
     if found.weak or not found.converged:
         text = (
             f"{level}, which looks so much like what the log says of {solved.names[most]} that the "
@@ -101,7 +101,7 @@ def _notices(
         )
         return [Notice("input-noise-left", text)]
     moved = np.array([before[n] - solved.values[n] for n in solved.names])
-    most = _largest(moved / errors)
+    most = _most_moved(moved / errors)
     if abs(moved[most]) < _CHANGED * errors[most]:
         return []
     text = (
@@ -112,5 +112,5 @@ def _notices(
     return [Notice("input-noise", text)]
 
 
-def _largest(values: FloatArray) -> int:
+def _most_moved(values: FloatArray) -> int:
     return int(np.argmax(np.abs(values)))

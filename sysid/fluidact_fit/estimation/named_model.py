@@ -49,7 +49,7 @@ class NamedModel:
     logs
         Per experiment the number of its log, when logs may differ in noise: those with
         more of it then weigh less.
-    robust, sigma_floor
+    sigma_floor
         As in :func:`.uncertainty.covariance`.
     channels
         Rows of each experiment that hold different functions of the same samples. Their
@@ -69,7 +69,6 @@ class NamedModel:
     resolutions: Sequence[float] = ()
     whiten: Sequence[Whitening] = ()
     logs: Sequence[int] = ()
-    robust: bool = True
     sigma_floor: float = 0.0
     channels: Sequence[Sequence[slice]] = ()
     pieces: Callable[[int, Values], Iterator[Basis]] | None = None
@@ -96,7 +95,6 @@ class NamedModel:
             solution.jacobian,
             solution.residuals,
             local_unknowns=sum(solution.local_counts),
-            robust=self.robust,
             sigma_floor=self.sigma_floor,
             small_sample=True,
             readings=readings,

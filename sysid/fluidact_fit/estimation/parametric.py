@@ -19,7 +19,7 @@ from ..options import FamilyOptions
 from ..rows import by_rows, square_sum
 from ..specification import NoiseLevel, ParameterSpec, Request
 from ..units import after_number, as_share
-from .agreement_of_logs import Drift, compare_logs
+from .agreement_of_logs import LogDisagreement, compare_logs
 from .blocks import condensed
 from .least_squares import explain
 from .named_model import NamedModel, bind
@@ -65,12 +65,17 @@ class Fitted(Solved):
     logs: Sequence[int] = ()
     input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
 
+    @property
+    def is_from_scores(self) -> bool:
+        """Whether the covariance is that of the scores, and no model of the residuals is known."""
+        return self.order < 0
+
     def _reported(self) -> list[int]:
         return [k for k, n in enumerate(self.names) if n in self.specs]
 
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
-        if self.order < 0:
+        if self.is_from_scores:
             return []  # or the score was corrected for noise of an input
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
@@ -88,7 +93,7 @@ class Fitted(Solved):
     ) -> tuple[dict[str, Any], list[Notice]]:
         """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
         logs, kept = [e.log for e in experiments], self._reported()
-        if len(set(logs)) < 2 or not kept or self.order < 0:
+        if len(set(logs)) < 2 or not kept or self.is_from_scores:
             return {}, []
         label = {e.log: e.name.split("#")[0] for e in experiments}
         jacobian = [j[:, kept] for j in self.solution.jacobian]
@@ -123,12 +128,12 @@ class Fitted(Solved):
         """What the residuals were taken for, as the file says it."""
         if self.input_noise:
             return "scores corrected for the noise of an input"
-        if self.order < 0:
+        if self.is_from_scores:
             return "long-run variance of the scores"
         return f"autoregressive residuals of order {self.order}" if self.order else "white"
 
 
-def _drift_notice(drift: Drift, label: str, value: float) -> Notice | None:
+def _drift_notice(drift: LogDisagreement, label: str, value: float) -> Notice | None:
     """Warn of a drift that is significant, and large enough to matter."""
     if drift.p_value >= 1e-3 or abs(drift.difference) <= 5e-3 * abs(value):
         return None

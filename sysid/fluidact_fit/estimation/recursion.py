@@ -158,7 +158,7 @@ def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
     return np.vstack((start, local.reshape(blocks * width, n)[:m]))
 
 
-class Response:
+class BlockRecursion:
     """``x[j+1] = phi x[j] + gamma w[j]``, ``y[j] = row x[j] + direct w[j]`` in whole arrays.
 
     Blocks of steps are one product with a matrix that takes the inputs of a block to its outputs

@@ -27,6 +27,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
+from .least_squares import column_scales
 from .results import Solved
 from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fastest
 from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
@@ -354,7 +355,7 @@ class Estimator:
             return x
         from scipy.optimize import lsq_linear
 
-        scale = _lengths(a)
+        scale = column_scales(a)
         root = np.asarray(np.linalg.qr(a / scale, mode="r"))
         y, low, high = root @ (scale * x), low * scale, high * scale
         free = low < high
@@ -382,7 +383,7 @@ class Estimator:
             for sources in zip(*(b.evidence or (Evidence(b.columns, b.target),) for b in runs))
         ]
         scattered = score_covariance(jacobian, sets[0], [[slice(0, r.size)] for r in sets[0]])
-        return _largest([*(self._covariance(runs, jacobian, r) for r in sets), scattered])
+        return _widest([*(self._covariance(runs, jacobian, r) for r in sets), scattered])
 
     def _rest(self, evidence: Evidence, best: _Robust) -> FloatArray:
         """Residuals of evidence, shape ``(m,)``, without what has no weight."""
@@ -413,12 +414,6 @@ def _stack(balance: Balance, names: Sequence[str], columns: Columns) -> FloatArr
     return np.column_stack([columns.get(n, nothing) for n in names])
 
 
-def _lengths(columns: FloatArray) -> FloatArray:
-    """Norm of every column, 1 where it is zero."""
-    size = np.linalg.norm(columns, axis=0)
-    return np.where(size == 0.0, 1.0, size)
-
-
 def _invert(matrix: FloatArray) -> FloatArray:
     """Inverse of a matrix of unknowns in any units."""
     scale = np.sqrt(np.abs(np.diag(matrix)))
@@ -440,7 +435,7 @@ def _solve(
     common = common / share  # where noise is most of a column no arithmetic helps: it is said
     weight, x, scale, limit = np.ones(y.size), np.zeros(a.shape[1]), 0.0, np.inf
     inverse = np.zeros((x.size, x.size))
-    norm = _lengths(a)
+    norm = column_scales(a)
     for _ in range(30):
         weighted = weight[:, None] * z
         inverse = _invert(weighted.T @ a - common)
@@ -465,13 +460,13 @@ def _equivalent(
     """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per run."""
     spread = [b.spread(z) for b, z in zip(runs, instruments)]
     gains = np.vstack(spread) @ inverse.T
-    size = _lengths(gains)
+    size = column_scales(gains)
     gains = gains / size
     jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
     return np.split(jacobian, np.cumsum([z.shape[0] for z in spread])[:-1])
 
 
-def _largest(found: Sequence[Uncertainty]) -> Uncertainty:
+def _widest(found: Sequence[Uncertainty]) -> Uncertainty:
     """The first uncertainty with the largest variances of all."""
     most = np.max([np.diag(u.covariance) for u in found], axis=0)
     first = found[0]
@@ -508,13 +503,13 @@ def _reaching(
     """
     root = np.sqrt(best.weight)[:, None]
     columns, residual = root * a, root[:, 0] * (y - a @ best.values)
-    size = _lengths(z)
+    size = column_scales(z)
     projected = root * z / size @ np.linalg.lstsq(root * z / size, columns, rcond=1e-12)[0]
     t = t_quantile(0.975, found.degrees)
     variances = np.zeros(a.shape[1])
     for k in range(a.shape[1]):
         others = np.delete(projected, k, axis=1)
-        others = others / _lengths(others)
+        others = others / column_scales(others)
         own = projected[:, k] - others @ np.linalg.lstsq(others, projected[:, k], rcond=1e-12)[0]
         left = columns[:, k] - projected[:, k]
         reach = _reach(own, left, residual, float(found.covariance[k, k]), t)

@@ -50,7 +50,7 @@ class NoiseModel:
         Derivatives of the output with what stands in for noisy inputs in their place, per run as
         the Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. The
         noise of such an input is in the residual and in every derivative alike, but not in these.
-    represented
+    simulate_instruments
         What simulates with such stand-ins, as :attr:`Solution.simulate_near` does without.
     """
 
@@ -58,7 +58,7 @@ class NoiseModel:
     independent: float = np.inf
     inputs: Mapping[str, NoiseLevel] = field(default_factory=dict)
     instruments: Sequence[FloatArray] = ()
-    represented: Simulate | None = None
+    simulate_instruments: Simulate | None = None
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class Solution(Generic[ReadT]):
         Simulates the runs, or their beginnings, with slightly other values, inputs or options as
         :meth:`.Family.simulate` does. A family whose simulation searches at length for unknowns
         of single logs may take those to first order from the fit.
-    minimised
-        Whether the estimator minimised these residuals, and not those of other rows.
+    residuals_are_fitted
+        Whether the estimator residuals_are_fitted these residuals, and not those of other rows.
     derived
         Numbers computed from the parameters, with their own uncertainty.
     notices
@@ -145,7 +145,7 @@ class Solution(Generic[ReadT]):
     noise: NoiseModel
     options: ReadT
     simulate_near: Simulate
-    minimised: bool
+    residuals_are_fitted: bool
     derived: Mapping[str, Quantity] = field(default_factory=dict)
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
@@ -177,7 +177,7 @@ def make_solution(
     *,
     jacobians: Sequence[Mapping[str, FloatArray]] = (),
     simulate_near: Simulate | None = None,
-    represented: Simulate | None = None,
+    simulate_instruments: Simulate | None = None,
     derived: Mapping[str, Quantity] | None = None,
     notices: Sequence[Notice] = (),
     details: Mapping[str, Any] | None = None,
@@ -194,7 +194,7 @@ def make_solution(
         Derivatives of the channels of every run that the estimator has at hand, over all samples
         or over those used, shape ``(n, p)`` each [unit of the channel per unit of the value].
         Without them those of the output are differences of simulations.
-    represented
+    simulate_instruments
         Simulates with what stands in for noisy inputs in their place, for instruments.
     """
     near = simulate_near or simulate
@@ -208,17 +208,21 @@ def make_solution(
         runs = [FittedRun(e, s, {}) for e, s in zip(experiments, found, strict=True)]
         output = plant.variant.output.name
         known = [_over_used(run, j, output) for run, j in zip(runs, jacobians)]
-        minimised = bool(known) and all(j is not None for j in known)
-        if minimised:
+        residuals_are_fitted = bool(known) and all(j is not None for j in known)
+        if residuals_are_fitted:
             runs = [replace(run, jacobians=j) for run, j in zip(runs, known) if j is not None]
         else:
             tables = differences(near, plant, runs, names, noise.covariance)
-            if represented is not None:
-                aside = differences(represented, plant, runs, names, noise.covariance)
-                noise = replace(noise, instruments=aside, represented=represented)
+            if simulate_instruments is not None:
+                instruments = differences(
+                    simulate_instruments, plant, runs, names, noise.covariance
+                )
+                noise = replace(
+                    noise, instruments=instruments, simulate_instruments=simulate_instruments
+                )
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
-        variant, parameters, names, runs, noise, options, near, minimised, derived,
+        variant, parameters, names, runs, noise, options, near, residuals_are_fitted, derived,
         notices, details or {},
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
+from .matlab_objects import read_objects
 from .sink import Array, Sink, full, library
 from .tables import add_array, add_packed
 
@@ -30,6 +31,7 @@ def read(path: str, sink: Sink) -> None:
         reader = _Reader(h5py, file, sink)
         sink.dialect = "MATLAB 7.3" if reader.of_matlab else "HDF5"
         reader.walk(file, "", 0)
+    read_objects(path, sink, counted=True)
 
 
 class _Reader:
@@ -99,7 +101,7 @@ class _Reader:
         if "MATLAB_sparse" in attributes:
             self.sink.leave(name, "a sparse matrix", group=path)
         elif "MATLAB_object_decode" in attributes:
-            self.sink.leave(name, f"a MATLAB object ({_word(attributes)})", group=path)
+            self.sink.objects.append((full(path, name), _word(attributes)))
         else:
             self.walk(node, full(path, name), depth + 1)
 
@@ -110,6 +112,9 @@ class _Reader:
         if node.is_virtual:
             raise _elsewhere(full(path, name), "is put together of other datasets")
         attributes = _attributes(node)
+        if _is_object(attributes):
+            self.sink.objects.append((full(path, name), _word(attributes)))
+            return
         why = self._why_not(node, attributes)
         if why:
             signal = why not in ("text", "empty", "a list of scales")
@@ -142,8 +147,6 @@ class _Reader:
         word = _word(attributes)
         if word == "char" or node.dtype.kind in "SU" or self.h5py.check_string_dtype(node.dtype):
             return "text"
-        if "MATLAB_object_decode" in attributes or (word and word not in {*_CLASSES, "cell"}):
-            return f"a MATLAB object ({word})"
         if self.h5py.check_vlen_dtype(node.dtype) is not None:
             return "rows of different length"
         if str(attributes.get("NAME", "")).startswith("This is a netCDF dimension but not"):
@@ -193,7 +196,7 @@ def _is_matlab(file: Any) -> bool:
     if size < 128:
         return False
     with open(file.filename, "rb") as raw:
-        return raw.read(10) == b"MATLAB 7.3"
+        return raw.read(6) == b"MATLAB"
 
 
 def _attributes(node: Any) -> dict[str, Any]:
@@ -205,6 +208,13 @@ def _attributes(node: Any) -> dict[str, Any]:
         except (OSError, TypeError, ValueError, KeyError):
             continue
     return found
+
+
+def _is_object(attributes: Mapping[str, Any]) -> bool:
+    """Whether a dataset is what MATLAB keeps of an object."""
+    word = _word(attributes)
+    plain = not word or word in {*_CLASSES, "cell", "char"} or attributes.get("MATLAB_empty")
+    return "MATLAB_object_decode" in attributes or not plain
 
 
 def _word(attributes: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
+from .matlab_objects import read_objects
 from .sink import Array, Sink, full, library
 from .tables import add_array
 
@@ -33,6 +34,7 @@ def read(path: str, sink: Sink) -> None:
     lengths = _lengths(value for _, value in variables)
     for name, value in variables:
         _take(sink, name, value, "", lengths, 0)
+    read_objects(path, sink)
 
 
 def _variables(path: str) -> Iterator[tuple[str, Any]]:
@@ -42,7 +44,13 @@ def _variables(path: str) -> Iterator[tuple[str, Any]]:
     with open(path, "rb") as file:
         if 0 in file.read(4):  # MATLAB 4
             file.seek(0)
-            parts = [io.loadmat(file, **how)]
+            try:
+                parts = [io.loadmat(file, **how)]
+            except (ValueError, TypeError) as error:
+                raise LogError(
+                    f"the MATLAB 4 file is cut or damaged ({str(error).partition(';')[0][:100]}).",
+                    remedy="Save it again, or export it as CSV.",
+                ) from None
         else:
             file.seek(0)
             split = io.matlab.varmats_from_mat(file)
@@ -74,7 +82,7 @@ def _take(sink: Sink, name: str, value: Any, group: str, lengths: list[int], dep
     elif kind == "MatlabFunction":
         sink.leave(name, "a function", group=group, signal=False)
     elif kind == "MatlabOpaque" or (isinstance(value, np.ndarray) and value.dtype.names):
-        sink.leave(name, f"a MATLAB object{_class_of(value)}", group=group)
+        sink.objects.append((full(group, name), _class_of(value)))
     elif hasattr(value, "toarray"):
         _take_sparse(sink, name, value, group, lengths)
     elif isinstance(value, np.ndarray) and value.dtype == object:
@@ -126,13 +134,13 @@ def _take_sparse(sink: Sink, name: str, value: Any, group: str, lengths: list[in
 
 
 def _class_of(value: Any) -> str:
-    """The class that an object names, in brackets."""
+    """The class that an object names, empty where it names none."""
     try:
         words = [value[0][k] for k in ("s1", "s2")] if value.dtype.names else []
     except (IndexError, KeyError, ValueError, TypeError):
         return ""
     found = [w.decode("ascii", "replace") if isinstance(w, bytes) else str(w) for w in words]
-    return f" ({found[-1][:40]})" if found else ""
+    return found[-1][:40] if found else ""
 
 
 def _lengths(values: Any) -> list[int]:

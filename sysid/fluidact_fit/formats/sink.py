@@ -40,6 +40,7 @@ class Sink:
         self.converted: list[tuple[str, str]] = []
         self.left_out: list[tuple[str, str, bool]] = []
         self.notices: list[tuple[str, str]] = []
+        self.objects: list[tuple[str, str]] = []  # of MATLAB, with their class
 
     def room(
         self,

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..errors import LogError
 
-READERS = ("hdf5", "matlab", "mdf", "netcdf", "parquet", "tdms")
+READERS = ("hdf5", "matlab", "mdf", "netcdf", "parquet", "ros", "tdms")
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,7 +33,8 @@ class Named:
 
     ``values`` of shape ``(n,)``: numbers, text, instants or durations. Of a ``sparse`` one NaN
     are no samples. Of one that is ``own`` nobody else holds the values. ``bad`` has the text of
-    cells that were no number, a ``clock`` held instants and counts from ``since`` [ns].
+    cells that were no number, a ``clock`` held instants and counts from ``since`` [ns]. A header
+    that is a ``path`` (``/topic/state.position[0]``) has a unit only in its last name (``p_bar``).
     """
 
     header: str
@@ -43,6 +45,7 @@ class Named:
     bad: Mapping[int, str] | None = None
     clock: bool = False
     since: int = 0
+    path: bool = False
 
 
 def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> Log:
@@ -142,7 +145,10 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
         values, unit = clocks.seconds.get(index - 1, values), "s" if clock else None
         notices += clocks.notices
         since = clocks.since
-    written, in_header = parse_unit_from_header(header)
+    last = _last_name(header) if given.path else header
+    written, in_header = parse_unit_from_header(last)
+    if given.path:
+        written, in_header = header, in_header if "_" in last else None
     unit = unit or given.unit or in_header
     finite = where_finite(values)
     bad: dict[int, str] = {}
@@ -152,12 +158,17 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
         bad = {int(k): _text(cell)[:60] for k, cell in zip(where, raw)}
         bad |= given.bad or {}
         values = np.where(finite, values, np.nan)
-    doubtful = given.unit is None and is_doubtful_suffix(header)
+    doubtful = given.unit is None and is_doubtful_suffix(last)
     whole = None if clock else _exact(given)
     return Column(
         index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt,
         exact=whole, since=since,
     )  # fmt: skip
+
+
+def _last_name(path: str) -> str:
+    """The last name of a path, without what distinguishes the elements of an array."""
+    return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1]
 
 
 def _first_instant(given: Named) -> int:
@@ -256,5 +267,7 @@ def joined(parts: Sequence[Sequence[Named]], name: str) -> list[Named]:
             full = np.full(instants.size, np.nan)
             full[rows] = values
             holes = rows.size < full.size or not np.isfinite(values).all()
-            out.append(Named(column.header, full, column.unit or unit, column.sparse and holes))
+            sparse = column.sparse and holes
+            unit = column.unit or unit
+            out.append(Named(column.header, full, unit, sparse, path=column.path))
     return out

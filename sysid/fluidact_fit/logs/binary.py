@@ -1,4 +1,4 @@
-"""Recordings that are no text: MATLAB, HDF5, netCDF, Parquet, TDMS and MDF files.
+"""Recordings that are no text: MATLAB, HDF5, netCDF, Parquet, TDMS, MDF and bags of ROS.
 
 Which it is shows in the first bytes. A library reads it in a process of its own; here its vectors
 become the columns of one table.
@@ -34,12 +34,21 @@ _MAGIC = {
     b"MDF  ": "mdf",
     b"CDF\x01": "netcdf",
     b"CDF\x02": "netcdf",
+    b"\x89MCAP0\r\n": "ros",
+    b"SQLite format 3\0": "ros",
+    b"#ROSBAG V": "ros",
 }
 _UNFIT = {
     b"UnFinMF": ("an MDF file that was never finished", "Finish it with the tool that recorded it"),
     b"TDSh": ("the index of a TDMS file", "Give the .tdms file itself"),
     b"CDF\x05": ("a netCDF file with 64-bit data", "Convert it: nccopy -k nc4 LOG COPY"),
     b"PARE": ("an encrypted Parquet file", "Write it again without encryption"),
+    b"ARROW1": ("a Feather or Arrow file", "Write it as Parquet: pandas.DataFrame.to_parquet"),
+    b"\x93NUMPY": ("an array of NumPy", "Save named columns: pandas.DataFrame(...).to_parquet"),
+    b"\x80\x04": ("a pickle of Python, which can run code", "Save the data as Parquet"),
+    b"\x80\x05": ("a pickle of Python, which can run code", "Save the data as Parquet"),
+    b"ULog\x01": ("a ULog file of PX4", "Convert it: ulog2csv LOG"),
+    b"LOGG": ("a BLF trace of a bus", "Decode it into signals, as MDF"),
 }
 _SHOWN = 8
 
@@ -105,7 +114,14 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
     found = next((r for magic, r in _MAGIC.items() if head.startswith(magic)), None)
     if found is None and head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
         found = "matlab"
-    if found is None and _is_matlab_4(head, size):
+    if found == "matlab" and look(512, 8) == _HDF5:
+        found = "hdf5"
+    if found is None and (stated := _matlab_4_size(head)):
+        if stated > size:
+            raise LogError(
+                f"this is a MATLAB 4 file that is cut: its first matrix ends at byte {stated}, the "
+                f"file at {size}.", where=name, remedy="Copy or save it again.",
+            )  # fmt: skip
         found = "matlab"
     if found is None and head[:1] and not head[:64].isascii():
         return None
@@ -114,11 +130,11 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
     return found
 
 
-def _is_matlab_4(head: bytes, size: int) -> bool:
-    """Whether a file begins with the header of a matrix of MATLAB 4 that fits into it."""
+def _matlab_4_size(head: bytes) -> int:
+    """Where the first matrix of a MATLAB 4 file ends, 0 for the head of anything else [bytes]."""
     for order in "<>":
         if len(head) < 22:
-            return False
+            return 0
         kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head[:20])
         machine, zero, precision, form = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10
         if not (0 <= kind < 5000 and machine <= 4 and zero == 0 and precision <= 5 and form <= 2):
@@ -127,10 +143,9 @@ def _is_matlab_4(head: bytes, size: int) -> bool:
             continue
         width = (8, 4, 4, 2, 2, 1)[precision] * (1 + imaginary)
         label = head[20 : 20 + length]
-        named = label[-1:] == b"\0" and label[:-1].replace(b"_", b"a").isalnum()
-        if named and 20 + length + rows * columns * width <= size:
-            return True
-    return False
+        if label[-1:] == b"\0" and label[:-1].replace(b"_", b"a").isalnum():
+            return 20 + length + rows * columns * width
+    return 0
 
 
 def _read(reader: str, source: Path | bytes, name: str) -> Found:
@@ -184,7 +199,7 @@ class _Assembly:
             f"it holds no vectors of numbers ({listed or 'nothing'}), or no channel of them.",
             where=self.name,
             expected="Expected vectors of equal length, one per column, or a table of numbers.",
-            remedy="Save arrays (table2struct for a table), or export it as CSV.",
+            remedy="Save vectors (of a MATLAB object, what it holds), or export it as CSV.",
         )
 
     def _headers(self) -> dict[int, str]:
@@ -274,9 +289,11 @@ class _Assembly:
 
     def _named(self, k: int, header: str, sparse: bool = False) -> Named:
         v = self.vectors[k]
+        path = self.recording.dialect.startswith("ROS") and v.role != "instants"
         return Named(
-            header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock, since=v.since
-        )
+            header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock, since=v.since,
+            path=path,
+        )  # fmt: skip
 
     def _joined(self, bases: Sequence[int], base_of: dict[int, int | None]) -> list[Named]:
         """Columns of several time bases, each at its own instants."""

@@ -18,6 +18,8 @@ from .log import Column, Log
 from .timebase import split_runs
 from .turns import settle_turns
 
+_PLAIN = ("delimited", "in memory", "merged")  # forms that have no name of their own
+
 
 def describe(log: Log) -> dict[str, Any]:
     """Return what ``inspect`` shows: dialect, columns, time base and what is wrong.
@@ -72,6 +74,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     if steps:
         entry["sample_time"] = float(np.median(steps))
     details: dict[str, Any] = {}
+    if log.dialect.name not in _PLAIN:
+        details["format"] = log.dialect.name
     if len(experiments) > 1:
         details["runs"] = len(experiments)
     if log.window_text.strip(":"):

@@ -1,4 +1,4 @@
-"""Tables in JSON: records, columns, rows, what pandas writes, and one record per line.
+"""Tables in JSON: records, columns, channels, rows, what pandas writes, and one record per line.
 
 A table is written again as text with tabs, one line per record, and is then read as other text is:
 numbers stay as they are written, times of day are found, what is no number is named.
@@ -25,6 +25,12 @@ _LARGEST = 64_000_000  # bytes of a document, which takes ten times as much when
 _MOST_COLUMNS = 4096
 _ROWS = 200
 _UNITS = ("units", "unit", "einheiten")
+_NAMES, _ROWS_BELOW = ("columns", "fields", "header", "names"), ("data", "rows", "values")
+_APART = (_NAMES, _ROWS_BELOW)
+_NAME = ("name", "label", "header", "signal", "channel", "title")
+_VALUES = ("values", "data", "samples", "y")
+_DEEPEST, _FEW = 8, 16  # of objects in a record, and elements of a list in it, that are columns
+_INSTANT = re.compile(r"\d{12,19}|\d{4}-\d\d-\d\d[T ].*")
 
 
 class _Number(str):
@@ -165,7 +171,31 @@ def _cut_line(source: Source) -> int:
 def _records(source: Source, cut: int) -> Iterator[Any]:
     for number, line in enumerate(source.data.rstrip().split(b"\n"), start=1):
         where = f"{source.name}, line {number}"
-        yield _parsed(line, where) if line.strip() and number != cut else None
+        record = _parsed(line, where) if line.strip() and number != cut else None
+        yield _flattened(record, where) if isinstance(record, dict) else record
+
+
+def _flattened(record: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """A record whose objects and short lists are values of their own: ``valve.p``, ``p[0]``."""
+    found = {}
+    for key, value in record.items():
+        nested = _nested(key, value, 0) if isinstance(value, dict | list) else [(key, value)]
+        for name, part in nested:
+            if name in found:
+                raise _refusal(f"a record has two values for '{name[:60]}'.", where)
+            found[name] = part
+    return found
+
+
+def _nested(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    if depth < _DEEPEST and isinstance(value, dict) and value:
+        for key, part in value.items():
+            yield from _nested(f"{name}.{key}", part, depth + 1)
+    elif depth < _DEEPEST and isinstance(value, list) and 0 < len(value) <= _FEW:
+        for k, part in enumerate(value):
+            yield from _nested(f"{name}[{k}]", part, depth + 1)
+    else:
+        yield name, value
 
 
 def _table_of(document: Any, name: str) -> _Table:
@@ -193,20 +223,51 @@ def _table_of(document: Any, name: str) -> _Table:
 def _table_in(value: Any, name: str) -> _Table | None:
     """The table that a value is, ``None`` where it is none."""
     if isinstance(value, list):
-        return _of_list(value, name)
+        return _of_channels([(None, v) for v in value], name) or _of_list(value, name)
     if not isinstance(value, dict) or not value:
         return None
-    if isinstance(value.get("columns"), list) and isinstance(value.get("data"), list):
-        return _split(value, name)
+    if keys := _names_and_rows(value):
+        return _split(value, keys, name)
+    if channels := _of_channels(list(value.items()), name):
+        return channels
     if isinstance(value.get("schema"), dict) and isinstance(value.get("data"), list):
         table = _of_list(value["data"], name)
         return table and replace(table, others=("schema",))
-    lists = {key: v for key, v in value.items() if isinstance(v, list)}
+    lists = _lists_in(value)
     if lists and all(_is_flat(v) for v in lists.values()):
         return _of_columns(lists, value, name)
     if all(isinstance(v, dict) and v for v in value.values()):
         return _by_index(value, name)
     return None
+
+
+def _lists_in(value: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
+    """Lists by name, those in objects beside a list of the same length among them."""
+    lists: dict[str, Sequence[Any]]
+    lists = {key: v for key, v in value.items() if isinstance(v, list)}
+    length = {len(v) for v in lists.values()}
+    for key, inner in value.items():
+        if isinstance(inner, dict) and inner and key not in _UNITS:
+            same = all(isinstance(v, list) and {len(v)} == length for v in inner.values())
+            lists |= {k if k not in lists else f"{key}.{k}": v for k, v in inner.items() if same}
+    return lists
+
+
+def _of_channels(items: Sequence[tuple[str | None, Any]], name: str) -> _Table | None:
+    """The table of objects that each hold a channel: its name, unit and values."""
+    lists: dict[str, list[Any]] = {}
+    units: dict[str, str] = {}
+    for key, channel in items:
+        if not isinstance(channel, dict):
+            return None
+        label = key or next((channel[k] for k in _NAME if isinstance(channel.get(k), str)), None)
+        values = next((channel[k] for k in _VALUES if isinstance(channel.get(k), list)), None)
+        if label is None or values is None or not _is_flat(values) or label in lists:
+            return None
+        lists[label] = values
+        if unit := _unit_of(channel):
+            units[label] = unit
+    return _of_columns(lists, {"units": units}, name) if lists else None
 
 
 def _is_flat(values: Sequence[Any]) -> bool:
@@ -219,8 +280,9 @@ def _of_list(values: Sequence[Any], name: str) -> _Table | None:
     if not known:
         return None
     if all(isinstance(v, dict) for v in known):
-        names = list(dict.fromkeys(key for record in known for key in record))
-        records = [[] if r is None else [r.get(key) for key in names] for r in values]
+        flat = [None if r is None else _flattened(r, name) for r in values]
+        names = list(dict.fromkeys(key for record in flat if record for key in record))
+        records = [[] if r is None else [r.get(key) for key in names] for r in flat]
         return _Table(names, records)
     if all(isinstance(v, list) for v in known):
         head = known[0]
@@ -242,29 +304,51 @@ def _of_list(values: Sequence[Any], name: str) -> _Table | None:
     return None
 
 
-def _split(value: Mapping[str, Any], name: str) -> _Table:
-    """Names, index and rows apart, as pandas writes them."""
-    names = [str(n) if isinstance(n, str) else " ".join(map(str, n)) for n in value["columns"]]
-    rows = value["data"]
+def _names_and_rows(value: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The keys of names and of rows that stand apart from each other, ``None`` without such."""
+    keys = [next((k for k in some if isinstance(value.get(k), list)), "") for some in _APART]
+    if not all(keys) or not all(isinstance(n, str | list | dict) for n in value[keys[0]]):
+        return None
+    rows = value[keys[1]]
+    return (keys[0], keys[1]) if rows and any(isinstance(r, list) for r in rows) else None
+
+
+def _split(value: Mapping[str, Any], keys: tuple[str, str], name: str) -> _Table:
+    """Names, index and rows apart, as pandas and data bases write them."""
+    fields, rows = (value[key] for key in keys)
+    units = _units_of(value)
+    names = []
+    for entry in fields:
+        if isinstance(entry, dict):
+            text = next((str(entry[k]) for k in _NAME if k in entry), "")
+            if unit := _unit_of(entry):
+                units[text] = unit
+        else:
+            text = entry if isinstance(entry, str) else " ".join(map(str, entry))
+        names.append(text)
     wrong = next(
         (k for k, r in enumerate(rows) if not isinstance(r, list) or len(r) != len(names)), None
     )
     if wrong is not None:
-        raise _refusal(f"row {wrong + 1} of 'data' does not fit 'columns'.", name)
-    others = tuple(key for key in value if key not in ("columns", "data", "index", *_UNITS))
+        raise _refusal(f"row {wrong + 1} of '{keys[1]}' does not fit '{keys[0]}'.", name)
+    others = tuple(key for key in value if key not in (*keys, "index", *_UNITS))
     index = value.get("index")
     if isinstance(index, list) and len(index) == len(rows):
         names, rows = _with_index(index, names, rows)
-    return _Table(names, rows, _units_of(value), others)
+    return _Table(names, rows, units, others)
 
 
 def _with_index(
     index: Sequence[Any], names: list[str], rows: Sequence[Sequence[Any]]
 ) -> tuple[list[str], Sequence[Sequence[Any]]]:
-    """The rows with their index before them, if it does more than count them."""
+    """The rows with their index before them, if it does more than count them.
+
+    One that holds instants is called the time.
+    """
     if [str(k) for k in index] == [str(k) for k in range(len(index))]:
         return names, rows
-    return ["index", *names], [[k, *row] for k, row in zip(index, rows)]
+    timed = "time" not in names and all(map(_INSTANT.fullmatch, map(str, index)))
+    return ["time" if timed else "index", *names], [[k, *row] for k, row in zip(index, rows)]
 
 
 def _of_columns(lists: Mapping[str, Sequence[Any]], value: Mapping[str, Any], name: str) -> _Table:
@@ -273,7 +357,12 @@ def _of_columns(lists: Mapping[str, Sequence[Any]], value: Mapping[str, Any], na
     if len(sizes) > 1:
         listed = ", ".join(f"'{key}' {len(v)}" for key, v in list(lists.items())[:8])
         raise _refusal(f"the columns differ in length: {listed}.", name)
-    others = tuple(key for key in value if key not in lists and key not in _UNITS)
+    used = set(map(id, lists.values()))
+    others = tuple(
+        key for key, v in value.items()
+        if key not in (*lists, *_UNITS)
+        and not (isinstance(v, dict) and v and all(id(part) in used for part in v.values()))
+    )  # fmt: skip
     return _Table(list(lists), list(zip(*lists.values())), _units_of(value), others)
 
 
@@ -282,7 +371,7 @@ def _by_index(value: Mapping[str, Mapping[str, Any]], name: str) -> _Table | Non
     keys = list(next(iter(value.values())))
     if not all(list(inner) == keys and _is_flat(list(inner.values())) for inner in value.values()):
         return None
-    if all(key.isdigit() for key in value):
+    if all(key.isdigit() or _INSTANT.fullmatch(key) for key in value):
         index, names, rows = list(value), keys, [list(inner.values()) for inner in value.values()]
     else:
         index, names = keys, list(value)
@@ -291,6 +380,11 @@ def _by_index(value: Mapping[str, Mapping[str, Any]], name: str) -> _Table | Non
         return None
     named, whole = _with_index(index, names, rows)
     return _Table(named, whole)
+
+
+def _unit_of(channel: Mapping[str, Any]) -> str:
+    """The unit that an object states of the channel in it, empty without one."""
+    return next((channel[k] for k in _UNITS if isinstance(channel.get(k), str)), "")
 
 
 def _units_of(value: Mapping[str, Any]) -> dict[str, str]:

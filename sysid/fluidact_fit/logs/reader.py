@@ -58,8 +58,8 @@ def read_log(
     Parameters
     ----------
     path
-        The file: text of any logger, MATLAB, Parquet, HDF5, TDMS or MDF, packed or not; ``"-"``
-        for standard input, ``"a.csv+b.csv"`` for two logs of one experiment. Or the data
+        The file: text of any logger, MATLAB, Parquet, HDF5, TDMS, MDF or a ROS bag, packed or not;
+        ``"-"`` for standard input, ``"a.csv+b.csv"`` for two logs of one experiment. Or the data
         themselves: a DataFrame, a mapping of header to array, a table of numbers.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry
@@ -137,6 +137,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
         place = place.absolute()  # "./-" is a file, and "-" standard input
     if len(files := files_of(place)) > 1:
         return merged([with_joined_time(_read(file, written)) for file in files])
+    (place,) = files
     raw, sha256 = b"", ""
     found = read_stored(place)
     if found is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import hashlib
+import os
 import re
 import sys
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from .archives import unpack
 
 _WORD = 4  # bytes
 _PROBE = 1 << 16
+_RECORDING = re.compile(r"\.(mcap|db3)(\.zstd|\.zst)?$")  # in the folder of a bag
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 # Beginnings of files that people pass by mistake.
 _FOREIGN = (
@@ -59,10 +61,25 @@ def name_of(path: Path) -> str:
 
 
 def files_of(path: Path) -> list[Path]:
-    """The files of a log: itself, or those of ``a.csv+b.csv``."""
-    several = [Path(part) for part in str(path).split("+")]
+    """The files of a log: itself, that of a bag, or those of ``a.csv+b.csv``."""
+    several = [_in_bag(Path(part)) for part in str(path).split("+")]
     merged = len(several) > 1 and not path.exists() and all(p.is_file() for p in several)
-    return several if merged else [path]
+    return several if merged else [_in_bag(path)]
+
+
+def _in_bag(path: Path) -> Path:
+    """The one recording in a folder that ROS 2 wrote; any other path as it is."""
+    parts = _parts_of_bag(path)
+    return parts[0] if len(parts) == 1 else path
+
+
+def _parts_of_bag(path: Path) -> list[Path]:
+    """The recordings in a folder that ROS 2 wrote, whatever else it holds."""
+    try:
+        names = sorted(os.listdir(path)) if (path / "metadata.yaml").is_file() else []
+    except (OSError, ValueError):
+        return []
+    return [path / name for name in names if _RECORDING.search(name)]
 
 
 def make_source(path: Path, raw: bytes, sha256: str) -> Source:
@@ -97,7 +114,7 @@ def _read_raw(path: Path) -> bytes:
         if str(path) == "-":
             return sys.stdin.buffer.read()
         if path.is_dir():
-            raise _refusal("this is a folder.", str(path), "Name a file.")
+            raise _refusal("this is a folder.", str(path), _file_in(path))
         if path.exists() and not path.is_file():
             remedy = "Copy the data into a file first."
             raise _refusal("this is not a regular file.", str(path), remedy)
@@ -113,6 +130,17 @@ def _read_raw(path: Path) -> bytes:
             where=str(path),
             remedy="Check the path and the permissions.",
         ) from None
+
+
+def _file_in(folder: Path) -> str:
+    """What to do about a folder that was given as a log."""
+    parts = [part.name for part in _parts_of_bag(folder)]
+    if len(parts) > 1:
+        return (
+            f"It is a bag of {len(parts)} files: name one of them ({', '.join(parts[:3])}), or "
+            "write it as one: ros2 bag convert."
+        )
+    return "Name a file."
 
 
 def _decode(raw: bytes, name: str) -> tuple[str, bytes]:

@@ -46,7 +46,7 @@ _TIME_NAMES = frozenset({
     "t", "time", "times", "time stamp", "timestamp", "timestamps", "elapsed",
     "x value", "elapsed time", "time elapsed", "rel time", "relative time", "abs time",
     "absolute time", "run time", "log time", "sample time", "recording time", "system time",
-    "time axis",
+    "time axis", "stamp", "ts", "simtime", "sim time", "simulation time", "row times", "rowtimes",
     "tout", "t out", "tsim", "datetime", "date time", "date/time", "sec", "secs", "second",
     "seconds", "msec", "millis", "milliseconds", "micros", "microseconds", "clock",
     "zeit", "zeiten", "zeitstempel", "zeitpunkt", "zeitachse", "uhrzeit", "messzeit", "laufzeit",

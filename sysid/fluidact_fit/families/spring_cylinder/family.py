@@ -138,7 +138,7 @@ class SpringCylinder(Family[SpringOptions]):
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
-            represented=_Nearby(runs, settled, True) if found.instrumented else None,
+            simulate_instruments=_Nearby(runs, settled, True) if found.instrumented else None,
             notices=[*fit.notices, *_remarks(fit, variant)],
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
