@@ -92,6 +92,7 @@ def _facts(column: Mapping[str, Any]) -> Iterator[str]:
     found, unit = column["channel"], column["unit"] or ""
     yield _range(column)
     if found["low"] == found["high"]:
+        yield from troubles(column)
         return
     bits = "" if found["bits"] is None else f" ({found['bits']:.1f} bits)"
     if found["noise"]:
@@ -108,7 +109,8 @@ def _facts(column: Mapping[str, Any]) -> Iterator[str]:
 def troubles(column: Mapping[str, Any]) -> list[str]:
     """What is wrong with a channel, or may be."""
     found, unit = column["channel"], column["unit"] or ""
-    out = [f"{column['invalid_cells']} invalid cells"] if column["invalid_cells"] else []
+    invalid = column["invalid_cells"]
+    out = [f"{invalid} invalid cell{'s' * (invalid > 1)}"] if invalid else []
     if found is None:
         return out
     for end in ("low", "high"):

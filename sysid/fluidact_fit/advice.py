@@ -39,7 +39,7 @@ _ALIKE = 1.5  # times the misfit of another, up to which fewer parameters are th
 _APART = 3.0  # times the misfit of the best model, beyond which another is none of its rivals
 _IMPOSSIBLE = -1e6
 _NAMED, _CALLED, _MEASURED, _ALSO, _UNKNOWN, _USED = 3.0, 2.0, 1.0, 0.7, 0.1, 1.0
-_ASKED_FOR = 0.25  # less for a column that holds what was asked for
+_DOUBT = 0.25  # less for a column that holds what was asked for, or another quantity by its name
 
 # What people call the roles, in the languages of loggers: whole words of a name, without numbers.
 _WORDS: dict[str, str] = {
@@ -73,6 +73,10 @@ _REFERENCES = frozenset(
     ("ref", "reference", "soll", "sollwert", "setpoint", "target", "desired", "demand", "cmd")
 )
 _SET_POINTS = ("command", "reference")
+# Words that say what a column is, whatever its unit allows.
+_QUANTITIES = frozenset(
+    ("torque", "force", "position", "angle", "velocity", "speed", "flow", "pressure")
+)
 
 
 @dataclass(frozen=True)
@@ -319,8 +323,9 @@ def _score(log: Log, role: Role, column: Column) -> float:
     if "_".join(words) == role.name or column.name.casefold() == role.name:
         return measured + _NAMED
     called = bool({*words, "".join(words)} & set(_WORDS.get(role.name, "").split()))
-    wanted_not_measured = role.name not in _SET_POINTS and bool(_REFERENCES & set(words))
-    return measured + _CALLED * called - _ASKED_FOR * wanted_not_measured
+    asked_for = role.name not in _SET_POINTS and bool(_REFERENCES & set(words))
+    another = not called and bool(_QUANTITIES & set(words))
+    return measured + _CALLED * called - _DOUBT * (asked_for or another)
 
 
 def _words(column: Column) -> list[str]:

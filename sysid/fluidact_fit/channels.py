@@ -32,7 +32,8 @@ _STILL = 0.05  # of its usual change, below which a channel rests
 _TURN = 0.05  # of its range, by which a channel has to come back to have turned round
 _SURE = 6.0  # standard deviations of noise
 _STUCK = 10  # equal readings of a noisy channel at least
-_CLIPPED = 3  # readings in a row at the very end of the range
+_CLIPPED = 4  # readings in a row at the very end of the range
+_CLIPPED_SHARE = 0.002  # of the samples there at least
 _CHANCE = 5.0  # standard deviations of a correlation by chance
 _FURTHEST = 0.1  # of a record, up to which lags are looked for
 _COPY = 1e-5  # of its range, within which a channel is computed from another one
@@ -238,7 +239,8 @@ def _share_at(values: FloatArray, end: float) -> float:
     at = values == end
     edges = np.flatnonzero(np.diff(np.r_[False, at, False].astype(np.int8)))
     runs = edges[1::2] - edges[::2]
-    return float(at.mean()) if runs.max(initial=0) >= _CLIPPED else 0.0
+    share = float(at.mean())
+    return share if runs.max(initial=0) >= _CLIPPED and share >= _CLIPPED_SHARE else 0.0
 
 
 def _longest_run(values: FloatArray) -> tuple[int, int]:

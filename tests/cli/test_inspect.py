@@ -123,9 +123,15 @@ def test_pictures_and_their_files(here: Run, inside: Path) -> None:
     assert here("inspect", LINE, "--plot", "c.txt").status == 2
 
 
-def test_a_parameter_file_is_told_from_a_log(here: Run, inside: Path) -> None:
-    (inside / "line.yaml").write_text("# Written\nformat: fluidact-parameters\nformat_version: 1\n")
-    done = here("inspect", "line.yaml")
+def test_a_parameter_file_is_told_from_a_log(here: Run, valve: Run, inside: Path) -> None:
+    assert here("valve", valve(), "-q").status == 0
+    done = here("inspect", "valve.yaml")
     assert done.status == 3
     assert "parameter file" in done.err
-    assert "fluidact-fit report line.yaml" in done.err
+    assert "fluidact-fit report valve.yaml" in done.err
+
+
+def test_invalid_cells_of_a_constant_channel_are_counted(here: Run, inside: Path) -> None:
+    rows = [f"{k},{'x' if k == 7 else 2.25}" for k in range(50)]
+    (inside / "c.csv").write_text("\n".join(["time [s],p [bar]", *rows]))
+    assert "always 2.25 bar; 1 invalid cell" in here("inspect", "c.csv").out
