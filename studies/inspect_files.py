@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -24,6 +25,7 @@ from typing import NamedTuple
 
 _DOCUMENTS = ("README.md", "LICENSE")
 _MOST = 100  # characters of an outcome
+_PROGRESS = re.compile(r"\.\.\. \(\d+ s\)$")
 
 
 class Row(NamedTuple):
@@ -68,7 +70,8 @@ def _run(words: list[str], seconds: float) -> tuple[int, str, str]:
 def _first(text: str) -> str:
     """The line of an error, without notes and warnings before it."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    told = [line for line in lines if not line.startswith(("note", "warning", "trying"))]
+    told = [line for line in lines
+            if not line.startswith(("note", "warning")) and not _PROGRESS.search(line)]  # fmt: skip
     return (told or lines or [""])[0][:_MOST]
 
 

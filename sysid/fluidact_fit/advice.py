@@ -348,6 +348,8 @@ def _lacking_one(
             needs_time = any(r.name == "time" and r.required for r in variant.roles)
             if len(required) != len(signals) + 1 or not signals or (needs_time and not timed):
                 continue
+            if {*log.bindings, *log.units, *log.scales} - {r.name for r in variant.roles}:
+                continue  # a role that the user speaks of is another family's
             scores = np.array([[_score(log, r, c) for c in signals] for r in required])
             rows, chosen = linear_sum_assignment(scores, maximize=True)
             if scores[rows, chosen].min() < _MEASURED:
