@@ -132,8 +132,8 @@ def echo_relations(relations: Sequence[Mapping[str, Any]], time: Mapping[str, An
         first, second = f"#{r['first']}", f"#{r['second']}"
         sign = "against" if r["correlation"] < 0.0 else "with"
         if r["factor"] is not None:
-            echo_wrapped(f"{second} is {format_number(r['factor'])} times {first}, exactly: "
-                         "computed or recorded twice, it adds nothing")  # fmt: skip
+            echo_wrapped(f"{second} is {format_number(r['factor'])} times {first} plus a constant, "
+                         "exactly: computed or recorded twice, it adds nothing")  # fmt: skip
         elif r["lag"]:
             step = time["sample_time"] if time else None
             lag = f"{r['lag'] * step:.2g} s" if step else f"{r['lag']:.0f} rows"
