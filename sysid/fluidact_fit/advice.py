@@ -355,6 +355,8 @@ def _lacking_one(
             if scores[rows, chosen].min() < _MEASURED:
                 continue
             lacking = next(r for k, r in enumerate(required) if k not in rows)
+            if lacking.output:
+                continue  # what is fitted has to be recorded
             alone = needs_time and lacking in variant.driving
             option = f"--step {lacking.name}=FROM:TO" if alone else f"--set {lacking.name}=VALUE"
             how = "stepped" if alone else "was constant"
