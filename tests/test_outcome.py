@@ -7,9 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fluidact_fit.assessment import Cause
 from fluidact_fit.assessment.verdict import judge
+from fluidact_fit.estimation.uncertainty import Whiteness
 from fluidact_fit.experiment import Experiment
-from fluidact_fit.outcome import Simulation, agreement, common_level, percent_text
+from fluidact_fit.outcome import (
+    Agreement,
+    Simulation,
+    agreement,
+    common_level,
+    percent_text,
+)
 
 
 def run(measured: float, error: float, offset: float | None = None) -> Simulation:
@@ -49,3 +57,37 @@ def test_a_percentage_of_thirty_digits_is_not_printed(value: float, shown: str) 
 def test_a_hopeless_fit_is_told_in_few_words() -> None:
     _, (notice,) = judge(agreement([replace(run(1.0, 1e28), level=1.0)]), [], None, None)
     assert "by over 1000 % of what it moves" in notice.message
+
+
+def fitted(percent: float) -> Agreement:
+    return Agreement(1.0, percent, 1000, 1.0)
+
+
+WHITE, COLOURED = Whiteness(10.0, 0.9, 20), Whiteness(900.0, 0.0, 20)
+CAUSE = Cause("two columns seem to be swapped, and", "Check --column.")
+
+
+@pytest.mark.parametrize(
+    ("percent", "ratio", "white", "verdict", "code"),
+    [
+        (75.0, 2.0, COLOURED, "pass", None),
+        (50.0, 2.0, COLOURED, "warn", "weak-fit"),
+        (25.0, 2.0, COLOURED, "fail", "poor-fit"),
+        (25.0, None, WHITE, "fail", "poor-fit"),  # nothing is known of the noise
+        (25.0, 1.05, COLOURED, "fail", "poor-fit"),
+        (25.0, 1.05, WHITE, "warn", "weak-fit"),  # all that is left is noise
+    ],
+)
+def test_a_fit_fails_that_explains_less_than_half_of_what_is_no_noise(
+    percent: float, ratio: float | None, white: Whiteness, verdict: str, code: str | None
+) -> None:
+    found, reasons = judge(fitted(percent), [], ratio, white)
+    assert found == verdict
+    assert [n.code for n in reasons] == ([code] if code else [])
+
+
+def test_a_failed_fit_begins_with_what_the_logs_show() -> None:
+    _, reasons = judge(fitted(10.0), [], 2.0, COLOURED, CAUSE)
+    words = reasons[-1].message
+    assert words.startswith("two columns seem to be swapped, and the model misses the output by 90")
+    assert words.endswith("Check --column.")

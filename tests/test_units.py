@@ -276,6 +276,14 @@ def test_a_change_of_nothing_has_no_share(change: float, value: float, text: str
 
 
 @pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(14.6, "14.6 s"), (14_600.0, "14600 s"), (0.0147, "14.7 ms"), (-5e-5, "-50 us"), (0.0, "0 s")],
+)
+def test_times_are_told_in_a_unit_of_their_size(seconds: float, text: str) -> None:
+    assert units.as_time(seconds) == text
+
+
+@pytest.mark.parametrize(
     ("unit", "factor", "powers"),
     [
         ("V", 1.0, {"kilogram": 1, "meter": 2, "second": -3, "ampere": -1}),

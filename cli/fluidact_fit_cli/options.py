@@ -38,7 +38,6 @@ _ROLE_OPTIONS = {
     "column": "columns",
     "unit": "units",
     "scale": "scales",
-    "step": "steps",
     "hold": "holds",
     "unwrap": "unwrap",
 }
@@ -125,9 +124,10 @@ READING: list[click.Parameter] = [
                "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", _READING),
     parsed("--sample-time", "SECONDS", "0.001", parse_seconds,
            "Time from one sample to the next, for logs without a time column.", _READING),
-    assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
+    assignment("--step", "[LOG:]ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
                "For an input that was not recorded: constant at FROM, then constant at TO (in "
-               "its --unit, or SI) from T seconds on (default 0).", _READING),
+               "its --unit, or SI) from T seconds on (default 0). Of all logs, or of those whose "
+               "name matches LOG, which goes before: --step 'a*.csv:command=0:5'.", _READING),
     Option(["--window", "--fit-window", "window"], group=_READING,
            type=Parsed("START:END", "--window 0.5:3", parse_window),
            help="Part of the log to use, in seconds; either side may be empty."),
@@ -173,7 +173,6 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     from fluidact_fit.logs import StepInput, read_log
 
     by_role = {keyword: params.get(option) or {} for option, keyword in _ROLE_OPTIONS.items()}
-    by_role["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
     given: dict[str, Any] = {n: params.get(n) for n in ("sample_time", "window", "invalid")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
@@ -183,13 +182,17 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     exclude = _by_log("--exclude", split_runs(params["exclude"]), known)
     exclude += _by_log("--exclude-rows", split_rows(params["exclude_rows"]), known)
     constants = _by_log("--set", params["set"], known)
+    steps = [(_matching("--step", *_split_part(key)[:2], known), key, StepInput(*step))
+             for key, step in params["step"].items()]  # fmt: skip
+    steps.sort(key=lambda given: given[0] != "*")  # what is of some logs goes before
     logs = []
     for path in paths:
         names = _names(path)
         values = {role: value for p, role, value in constants if filter_names(names, p)}
         parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
+        own = {_split_part(key)[1]: s for p, key, s in steps if filter_names(names, p)}
         try:
-            logs.append(read_log(path, constants=values, exclude=parts, **given))
+            logs.append(read_log(path, constants=values, exclude=parts, steps=own, **given))
         except LogError:
             _refuse_own_file(path)
             raise
@@ -258,14 +261,19 @@ def _by_log(
                 expected=f"Expected {option} [LOG:]NAME=VALUE.",
                 remedy="See --help for examples.",
             )
-        if pattern is not None and not any(filter_names(n, pattern) for n in logs):
-            raise UsageError(
-                f"{option} {text!r} names a log that is not given.",
-                expected=f"The logs are: {', '.join(names[0] for names in logs)}.",
-                remedy="Give the name of one of them, with * for any part of it.",
-            )
-        out.append(("*" if pattern is None else pattern, name, value))
+        out.append((_matching(option, pattern, name, logs), name, value))
     return out
+
+
+def _matching(option: str, pattern: str | None, name: str, logs: Sequence[Sequence[str]]) -> str:
+    """The pattern of the logs that an option is of, every one without; some log has to match."""
+    if pattern is not None and not any(filter_names(n, pattern) for n in logs):
+        raise UsageError(
+            f"{option} '{pattern}:{name}=...' names a log that is not given.",
+            expected=f"The logs are: {', '.join(names[0] for names in logs)}.",
+            remedy="Give the name of one of them, with * for any part of it.",
+        )
+    return "*" if pattern is None else pattern
 
 
 def _split_part(text: str) -> tuple[str | None, str, str | None]:
@@ -280,6 +288,7 @@ def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
     known = list(known)
     for option in _ROLE_OPTIONS:
         check_names(f"--{option}", "role", params[option], known)
+    check_names("--step", "role", [_split_part(key)[1] for key in params["step"]], known)
     check_names("--from-name", "role", params["from_name"], known)
     check_names("--set", "role", [_split_part(text)[1] for text in params["set"]], known)
 

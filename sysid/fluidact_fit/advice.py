@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from .assessment import leads, moves_against
+from .assessment import direction, leads
 from .channels import factor_between
 from .errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from .estimation.inputs import settle_holds
@@ -235,7 +235,9 @@ def _best_variant(
     name: str, log: Log, signals: Sequence[Column], timed: bool
 ) -> Iterator[Suggestion]:
     """Yield the variant of a family that uses the columns best, if any can."""
-    candidates = (_assign(name, v, log, signals, timed) for v in get_family(name).variants)
+    family = get_family(name)
+    variants = family.variants_for(family.options_type())
+    candidates = (_assign(name, v, log, signals, timed) for v in variants)
     usable = [s for s in candidates if s is not None]
     if usable:
         yield max(usable, key=lambda s: s.score)
@@ -272,7 +274,7 @@ def _assign(
     taken, unsure = _in_order(log, variant, taken)
     ends = [(r.name, variant.output.name) for r in variant.driving if variant.output.name in taken]
     against = [(r, o) for r, o in ends
-               if r in taken and moves_against([(taken[r].values, taken[o].values)])]  # fmt: skip
+               if r in taken and direction(taken[r].values, taken[o].values) < 0]  # fmt: skip
     return Suggestion(
         family, variant.name, {r: f"#{c.index}" for r, c in taken.items()},
         total / len(taken) + _USED * len(taken) / (len(taken) + len(unused)), unsure,

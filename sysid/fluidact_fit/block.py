@@ -398,6 +398,8 @@ class LinearModel:
     curve
         What acts on the model, of the input, where that is more than a dead zone. It keeps its
         states from one change of the input to the next.
+    rest
+        Input under which the model is at rest [unit of the input].
     """
 
     a: FloatArray
@@ -407,6 +409,7 @@ class LinearModel:
     dead_zone: tuple[float, float] | None
     gain: float | None
     curve: Routine | None = None
+    rest: float = 0.0
 
 
 class LinearBlock(SteppedBlock):

@@ -14,10 +14,12 @@ from .assessment import (
     Examined,
     Outlier,
     examine,
+    find_cause,
     judge,
     outlier_notice,
     residual_whiteness,
 )
+from .assessment.policy import FIT_POOR
 from .errors import Notice
 from .experiment import Experiment, Hold, all_of, where_finite
 from .families import get_family
@@ -113,8 +115,11 @@ def make_parameter_document(
     white = residual_whiteness(fitted, len(solution.names))
     unused = _unused_logs(fitted)
     notices = list(dict.fromkeys([*notices, *unused, *solution.notices, *warned]))
-    verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
-    every = list(dict.fromkeys([*notices, *reasons]))
+    verdict, reasons = judge(
+        overall, notices, details.get("residual_to_noise"), white,
+        find_cause(variant, found.experiments) if overall.fit_percent < FIT_POOR else None,
+    )  # fmt: skip
+    every = list(dict.fromkeys([*reasons, *notices]))  # what the verdict is about comes first
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
     model = family.model(found.plant, float(period), _hold(variant, fitted))
     if found.offset is not None:

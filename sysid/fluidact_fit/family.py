@@ -28,6 +28,7 @@ from .specification import (
     Simulate,
     Simulated,
     Status,
+    Structure,
     UnmodelledEffect,
     Value,
     Variant,
@@ -36,9 +37,9 @@ from .specification import (
 
 __all__ = [
     "Block", "Curve", "Excitation", "Family", "FamilyOptions", "Information", "NoiseLevel",
-    "NoiseModel", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
-    "Simulate", "Simulated", "Solution", "StaticView", "Status", "UnmodelledEffect", "Value",
-    "Variant", "make_solution", "scalars",
+    "NoiseModel", "ParameterDocument", "ParameterSpec", "PhysicsView", "Plant", "Quantity",
+    "Request", "Role", "Simulate", "Simulated", "Solution", "StaticView", "Status", "Structure",
+    "UnmodelledEffect", "Value", "Variant", "make_solution", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
@@ -113,6 +114,31 @@ class StaticView:
     points: Curve | None = None
 
 
+@dataclass(frozen=True)
+class PhysicsView:
+    """The law inside a dynamic model, drawn without time beside what was measured of it.
+
+    Attributes
+    ----------
+    title
+        What is shown, a few words.
+    x_name, x_unit, y_name, y_unit
+        What the axes are; SI.
+    samples
+        What was measured, as points; those at NaN are left out.
+    curves
+        The law, as finely as it should be drawn; lines end at NaN.
+    """
+
+    title: str
+    x_name: str
+    x_unit: str
+    y_name: str
+    y_unit: str
+    samples: Curve
+    curves: Sequence[Curve]
+
+
 class Family(ABC, Generic[OptionsT]):
     """A model family: equation, roles, parameters, estimation, and what a controller runs.
 
@@ -137,6 +163,9 @@ class Family(ABC, Generic[OptionsT]):
     examined
         Samples of every run by which the examinations that simulate judge what is always there:
         all that count where simulations are cheap, fewer where each takes its time.
+    structures
+        Forms of the equation among which logs can choose (:mod:`.structures`), the simplest
+        first; none where there is one form only.
     """
 
     name: str
@@ -147,6 +176,7 @@ class Family(ABC, Generic[OptionsT]):
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
     examined: ClassVar[int] = 200_000
+    structures: ClassVar[tuple[Structure, ...]] = ()
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""
@@ -246,5 +276,17 @@ class Family(ABC, Generic[OptionsT]):
         """Return what a picture of a static map shows, ``None`` for a dynamic model.
 
         ``simulated`` is what :meth:`simulate` gave for the experiments.
+        """
+        return None
+
+    def physics_view(
+        self,
+        plant: Plant[OptionsT],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView | None:
+        """Return the law inside a dynamic model as a picture shows it, ``None`` for none.
+
+        Parameters are those of :meth:`static_view`.
         """
         return None

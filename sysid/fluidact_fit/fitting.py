@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .assessment import find_cause, most_outliers, set_aside
+from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
@@ -26,6 +26,7 @@ from .logs import (
     provenance,
     require_agreement,
     require_other_data,
+    require_two_signals,
     share_columns,
 )
 from .logs import experiments as experiments_of
@@ -328,13 +329,16 @@ def _solve(
         with _blaming_the_numbers(), counting(samples) as price:
             found = family.estimate(variant, experiments, request)
             return _priced(found, price)
-    except NotIdentifiedError as error:
-        cause = find_cause(variant, experiments)
-        if cause is None:
+    except (NotIdentifiedError, LogError, UsageError) as error:
+        causes = find_implausible(family, request.options, variant, experiments)
+        if not causes and isinstance(error, NotIdentifiedError):
+            causes = [c for c in (find_cause(variant, experiments),) if c is not None]
+        if not causes:
             raise
-        raise NotIdentifiedError(
-            f"{cause.words} {error.what}", expected="Nothing was written.", remedy=cause.remedy
-        ) from error
+        raise type(error)(
+            " ".join([*(c.words for c in causes), error.what]), where=error.where,
+            expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),
+        ) from error  # fmt: skip
 
 
 def _priced(found: Solution[FamilyOptions], price: Price) -> Solution[FamilyOptions]:
@@ -428,7 +432,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
     for index, log in enumerate(logs):
         some, said = experiments_of(log, variant, index=index)
         _require_samples(log, variant, some)
-        _require_two_columns(log, variant, some)
+        require_two_signals(log, variant, some)
         found += some
         notices += [*log.notices, *said]
     if not found:
@@ -452,19 +456,3 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
             expected=f"Expected {_FEWEST} or more.",
             remedy="Record longer or sample faster; check --window where it was given.",
         )
-
-
-def _require_two_columns(log: Log, variant: Variant, found: Sequence[Experiment]) -> None:
-    """Refuse a log of motion whose output holds the numbers of its input."""
-    output = variant.output.name
-    for role in (r.name for r in variant.driving):
-        both = [e for e in found if role in e and output in e and e.time.size]
-        if both and all(
-            np.ptp(e[output]) > 0.0 and np.array_equal(e[role], e[output]) for e in both
-        ):
-            raise LogError(
-                f"'{role}' and '{output}' hold the same numbers.",
-                where=log.name,
-                expected="Expected two columns: what drives the machine and what it does.",
-                remedy=f"Name the right ones with --column {role}=... and --column {output}=...",
-            )

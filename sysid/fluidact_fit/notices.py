@@ -262,6 +262,12 @@ _JUDGEMENT = {
         "parameter depends on what it did in between, which the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
+    "implausible-number": _warning(
+        "A number that was given, or a column, is out of all proportion for an actuator in the "
+        "unit that it was taken in, or has an impossible sign.",
+        "Give it in SI or with its unit, name the unit of the column with `--unit`, or reverse the "
+        "sign with `--scale`.",
+    ),
     "input-noise": _information(
         "A measured input is noisy enough to matter; the estimate and its intervals allow for it.",
         "Nothing; a cleaner sensor for that input would narrow the intervals.",
@@ -307,6 +313,10 @@ _JUDGEMENT = {
     "search-bounded": _warning(
         "The search ended at the number of simulations that a fit may take.",
         "Give `--start` values near the right ones, or hold what is known with `--fix`.",
+    ),
+    "sign-reversed": _information(
+        "A gain is negative: the output falls as the input rises.",
+        "Nothing, if the machine reverses the sign; else give `--scale ROLE=-1`.",
     ),
     "unmodelled-response": _warning(
         "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
@@ -470,3 +480,8 @@ def is_information(code: str) -> bool:
         When there is no such code.
     """
     return CODES[code].severity == "information"
+
+
+def is_note(code: str) -> bool:
+    """As :func:`is_information`, of a code from a file of any version: unknown ones are none."""
+    return code in CODES and is_information(code)

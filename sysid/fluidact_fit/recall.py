@@ -104,6 +104,15 @@ def _refuse_unknown(log: Log, role: str, sources: Sequence[LogSource]) -> None:
         for file, c in known[:_LISTED]
     ]
     more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
+    if any(c.step and c.step.start != c.step.end for _, c in known):
+        raise UsageError(
+            f"'{role}' was not recorded in the logs of the parameter file, each with a step of its "
+            "own, and is not known in this one.",
+            where=log.name,
+            expected=f"In the file: {', '.join(texts)}{more}.",
+            remedy=f"Give --step {role}=FROM:TO; of one log of several, "
+            f"--step '{log.name}:{role}=FROM:TO'.",
+        )
     raise UsageError(
         f"'{role}' was constant in the logs of the parameter file, each at its own value, and is "
         "not known in this one.",

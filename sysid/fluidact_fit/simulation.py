@@ -200,7 +200,8 @@ def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> st
     """Return simulations as CSV: time, signals, simulated output; all in SI."""
     import pandas as pd  # slow to load
 
-    output = variant_of(document).output
+    units = {role: covered.unit for role, covered in document.validity.items()}
+    output = variant_of(document).measured_in(units).output
     tables = []
     for simulation in simulations:
         run = simulation.experiment

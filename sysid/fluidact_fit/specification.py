@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -67,7 +68,8 @@ class ParameterSpec:
         Whether a file may lack it (a ``viscous`` replaced by two one-sided values).
     ratio
         Where the unit depends on the log (the gain of a valve): the roles whose units it is the
-        ratio of; ``"1"`` stands for a number. ``unit`` is then that of the roles' first units.
+        quotient of, one after the other; ``"1"`` stands for a number and ``"s"`` for seconds.
+        ``unit`` is then that of the roles' first units.
     curved
         Whether the cost over this parameter has kinks, so that its interval is found by
         profiling the likelihood (a dead time, an edge of a dead zone).
@@ -92,7 +94,7 @@ class ParameterSpec:
     increasing: bool = False
     remedy: str = ""
     optional: bool = False
-    ratio: tuple[str, str] | None = None
+    ratio: tuple[str, ...] | None = None
     curved: bool = False
     threshold: Literal["", "positive", "negative"] = ""
     base: str = ""
@@ -100,10 +102,14 @@ class ParameterSpec:
 
     def unit_for(self, units: Mapping[str, str]) -> str:
         """Unit of the parameter where the roles have these units; other roles their first."""
-        if self.ratio is None or not all(r == "1" or r in units for r in self.ratio):
+        if self.ratio is None or not all(role in units for role in self.roles_of_unit):
             return self.unit
-        top, bottom = (units.get(role, role) for role in self.ratio)
-        return quotient_unit(top, bottom)
+        return reduce(quotient_unit, (units.get(role, role) for role in self.ratio))
+
+    @property
+    def roles_of_unit(self) -> list[str]:
+        """Roles on whose units that of the parameter depends."""
+        return [role for role in self.ratio or () if role not in ("1", "s")]
 
 
 @dataclass(frozen=True)
@@ -112,14 +118,16 @@ class Variant:
 
     Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
     and a linear one (force, position, mass). Of the roles in ``alike`` only the ratio matters:
-    they may be in any quantity that they accept, but all of them in the same. ``equation`` is the
-    family's in the names of these roles, empty where the family's has them.
+    they may be in any quantity that they accept, but all of them in the same; ``unlike`` is what to
+    do where they are not. ``equation`` is the family's in the names of these roles, empty where the
+    family's has them.
     """
 
     name: str
     roles: tuple[Role, ...]
     parameters: tuple[ParameterSpec, ...]
     alike: tuple[str, ...] = ()
+    unlike: str = ""
     equation: str = ""
 
     def role(self, name: str) -> Role:
@@ -206,6 +214,26 @@ class Request(Generic[ReadT]):
     noise: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     progress: Callable[[str], None] = lambda message: None
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A form of a family's equation that can be compared with its other forms on the same logs.
+
+    Attributes
+    ----------
+    name
+        What it is, a few words: ``"second order with dead time"``.
+    options
+        Settings of the family's options that select it, by name; forms that differ in an option
+        all set it.
+    fixed
+        Parameters that it leaves out, by name, at the value without effect [SI].
+    """
+
+    name: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

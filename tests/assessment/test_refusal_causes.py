@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import rigs, valve
+from studies.red_team.attacks import hydraulic_motor, rigs, valve
 from studies.red_team.run import write
 
 import fluidact_fit as ff
@@ -66,7 +67,7 @@ def test_what_a_right_log_does_is_no_cause():
     assert not cause_of(square + swept(40.0, 0.01) * 0.01, square)
     assert not cause_of(np.cumsum(swept(3.0)) / 100.0, swept(3.0, 0.01))  # velocity by force
     held = np.repeat([0.0, 1.0, 0.4, -1.0, 0.2, 0.9], N // 6)  # rests with its input
-    assert not cause_of(held, held)
+    assert "a stop" not in cause_of(held, held)
 
 
 @pytest.mark.parametrize(("group", "name", "words"), [
@@ -96,3 +97,86 @@ def test_a_sign_that_is_reversed_is_named():
     force = swept(3.0) + 0.5 * swept(7.3)
     assert "moves against 'force'" in cause_of(-np.cumsum(force) / 100.0, force)
     assert not cause_of(np.cumsum(force) / 100.0, force)
+
+
+def of_line(*pairs: tuple[np.ndarray, np.ndarray]) -> str:
+    """Words about logs of the line family, inlet and outlet each."""
+    variant = get_family("line").variants[0]
+    runs = []
+    for k, (inlet, outlet) in enumerate(pairs):
+        time = 0.01 * np.arange(inlet.size)
+        signals = {role: Signal(role, time, values, "Pa", "foh")
+                   for role, values in (("inlet", inlet), ("outlet", outlet))}  # fmt: skip
+        runs.append(Experiment(f"log{k}.csv", k, time, signals, 0.01, True))
+    found = find_cause(variant, runs)
+    return f"{found.words} {found.remedy}" if found else ""
+
+
+def filled(inlet: np.ndarray, seed: int = 1) -> np.ndarray:
+    """A first-order lag of 12 samples with noise."""
+    out, level = np.empty(inlet.size), inlet[0]
+    for k, u in enumerate(inlet):
+        out[k] = level
+        level += (u - level) / 12.0
+    return out + 0.005 * np.random.default_rng(seed).standard_normal(inlet.size)
+
+
+def test_a_line_of_the_other_sign_is_named():
+    inlet = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, 20), 40)
+    assert not of_line((inlet, filled(inlet)))
+    assert "--scale inlet=-1 or --scale outlet=-1" in of_line((inlet, -filled(inlet)))
+    assert "--scale inlet=-1 or --scale outlet=-1" in of_line((-inlet, filled(inlet) + 3.0))
+
+
+def test_a_single_log_of_the_other_sign_is_named():
+    inlets = [np.repeat(np.random.default_rng(k).uniform(-1.0, 1.0, 20), 40) for k in range(3)]
+    logs = [(u, filled(u, k)) for k, u in enumerate(inlets)]
+    logs[1] = (logs[1][0], -logs[1][1])
+    assert "the other way in log 2 (log1.csv)" in of_line(*logs)
+
+
+def test_two_sensors_of_one_signal_are_named():
+    inlet = swept(3.0, 0.001)
+    assert "seem to be of one signal" in of_line((inlet, 2.5 * swept(3.0) + 0.001 * swept(200.0)))
+
+
+def test_a_failed_fit_says_it_too():
+    inlets = [np.repeat(np.random.default_rng(k).uniform(-1.0, 1.0, 20), 40) for k in range(2)]
+    logs = [{"time": 0.01 * np.arange(u.size), "inlet": u, "outlet": (-1) ** k * filled(u, k)}
+            for k, u in enumerate(inlets)]  # fmt: skip
+    try:
+        said = " ".join(n.message for n in ff.fit("line", logs, hold={"inlet": "zoh"}).notices)
+    except ff.NotIdentifiedError as error:
+        said = str(error)
+    assert "one of its columns seems to have the other sign" in said
+
+
+def test_flow_against_its_command_is_refused_with_the_options():
+    u = np.repeat(np.linspace(-10.0, 10.0, 21), 20)
+    flow = -1e-5 * u + 1e-7 * np.random.default_rng(1).standard_normal(u.size)
+    with pytest.raises(ff.LogError, match="runs against the command") as refused:
+        ff.fit("flow-map", {"time": 0.05 * np.arange(u.size), "command": u, "flow": flow})
+    assert "scales={'flow': -1}" in str(refused.value)
+
+
+def test_a_negative_gain_is_a_note():
+    log = valve.record(np.random.default_rng(1))[0]
+    result = ff.fit("valve", {**log, "outlet": -log["outlet"]})
+    (said,) = [n for n in result.notices if n.code == "sign-reversed"]
+    assert "--scale command=-1 or --scale outlet=-1" in said.message
+    assert result.verdict == "pass"
+    assert not [n for n in ff.fit("valve", log).notices if n.code == "sign-reversed"]
+
+
+@pytest.mark.parametrize("more", [0.0, 2.0])
+def test_a_machine_that_is_stronger_in_one_direction_is_named(more):
+    truth = {**hydraulic_motor.TRUTH, "gain_more": more}
+    log = hydraulic_motor.log(np.random.default_rng(1), p=truth, n=1000)[0]
+    signals = {r: Signal(r, log["time"], log[r], unit, "zoh")
+               for r, unit in (("command", "A"), ("speed", "rad/s"))}  # fmt: skip
+    run = Experiment("log", 0, log["time"], signals, 0.02, True)
+    variant = get_family("line").variants[0]  # without parameters of one side
+    roles = tuple(replace(r, name={"inlet": "command", "outlet": "speed"}.get(r.name, r.name))
+                  for r in variant.roles)  # fmt: skip
+    found = find_cause(replace(variant, roles=roles), [run])
+    assert bool(found and "times as much to one sign of 'command'" in found.words) == bool(more)

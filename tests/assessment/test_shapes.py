@@ -35,7 +35,7 @@ from fluidact_fit.families import get_family
             hydraulic_motor,
             "valve of another shape",
             "dead zone 10 % wider one way",
-            "'command' acts as",
+            "dead_zone_positive is",
         ),
     ],
 )

@@ -81,3 +81,52 @@ def test_a_page_that_cannot_be(here: Run, files: Path) -> None:
     assert here("report", "v0.yaml", "-o", "v0.yaml", "-f").status == 2
     assert here("report", "absent.yaml").status == 3
     assert not list(files.glob("*.html"))
+
+
+def test_structures_are_compared_and_the_command_to_run_next_runs(here: Run, files: Path) -> None:
+    words = ["v0.csv", "v1.csv", "--zero", "none", "--fix", "gain=1000"]
+    done = here("compare", "--structures", "valve", *words)
+    assert done.status == 0
+    assert "held out: each log in turn" in done.out
+    assert "recommended: second order\n" in done.out
+    assert "\nsecond order, dead time" in done.out
+    command = done.out.splitlines()[-1].split()
+    assert command[:2] == ["fluidact-fit", "valve"]
+    assert command[2:4] == ["v0.csv", "v1.csv"]
+    assert command.count("--zero") == command.count("--dead-time") == 1
+    assert here(*command[1:], "-q").status == 0
+    assert (files / "valve.yaml").is_file()
+
+    found = json.loads(here("compare", *words, "--structures=valve", "--json").out)
+    assert found["command"] == " ".join(command)
+    assert [s["name"] for s in found["structures"]] == ["second order", "second order, dead time"]
+    assert found["structures"][0]["parameters"] == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        (["--structures", "vlve", "v0.csv"], 2, "vlve"),
+        (["--structures", "force-map", "v0.csv"], 2, "one structure only"),
+        (["--structures", "valve", "v0.csv", "v0.csv"], 2, "given twice"),
+        (["--structures", "valve", "absent.csv"], 3, "absent.csv"),
+        (["--structures", "valve", "v0.csv", "--column", "flow=x"], 2, "flow"),
+        (["--structures", "valve", "v0.csv", "--fix", "mass=1"], 2, "mass"),
+        (["v0.csv", "v1.csv", "--zero", "none"], 2, "--zero"),
+    ],
+)
+def test_structures_that_cannot_be_compared(
+    words: list[str], status: int, said: str, here: Run, files: Path
+) -> None:
+    done = here("compare", *words)
+    assert done.status == status
+    assert said in done.err
+    assert "Traceback" not in done.err
+
+
+def test_the_help_lists_the_options_of_the_family(here: Run) -> None:
+    done = here("compare", "--structures", "line", "--help")
+    assert done.status == 0
+    assert "--sound-speed" in done.out
+    assert "--fix" in done.out
+    assert "--sound-speed" not in here("compare", "--help").out

@@ -92,14 +92,14 @@ def uneven(n: int = 65) -> FloatArray:
 
 @pytest.mark.parametrize("time", [0.02 * np.arange(65), uneven()])
 def test_lag_is_exact_for_a_step(time: FloatArray) -> None:
-    y = MotorModel([run(time, np.r_[np.zeros(5), np.ones(60)])]).speed(0, LINE)
+    y = MotorModel([run(time, np.r_[np.zeros(5), np.ones(60)])]).response(0, LINE)
     t = np.maximum(time - time[5] - 0.031, 0.0)
     assert y == pytest.approx(1.0 - np.exp(-t / 0.07))
 
 
 @pytest.mark.parametrize("time", [0.02 * np.arange(65), uneven()])
 def test_lag_is_exact_for_a_ramp(time: FloatArray) -> None:
-    y = MotorModel([run(time, time - time[0], "foh")]).speed(0, LINE)
+    y = MotorModel([run(time, time - time[0], "foh")]).response(0, LINE)
     t = np.maximum(time - time[0] - 0.031, 0.0)
     t = np.minimum(t, time[-1] - time[0])
     assert y == pytest.approx(t - 0.07 * (1.0 - np.exp(-t / 0.07)), abs=1e-9)
@@ -114,8 +114,8 @@ def test_corners_between_samples_stay_sharp(hold: Hold) -> None:
     between = make_interp_spline(coarse, command, k=1)(fine)
     if hold == "smooth":
         between = CubicSpline(coarse, command)(fine)
-    y = MotorModel([run(coarse, command, hold)]).speed(0, v)
-    exact = MotorModel([run(fine, between)]).speed(0, {**v, "dead_time": 0.0305})
+    y = MotorModel([run(coarse, command, hold)]).response(0, v)
+    exact = MotorModel([run(fine, between)]).response(0, {**v, "dead_time": 0.0305})
     assert y == pytest.approx(exact[::100], abs=0.02)
 
 
@@ -124,7 +124,7 @@ def test_a_late_start_does_not_move_the_offset() -> None:
     time = 0.02 * np.arange(400)
     command = np.where(time < 2.0, 0.0, 2.0)
     model = MotorModel([run(time, command)])
-    speed = np.asarray(model.speed(0, LINE)) + 0.5
+    speed = np.asarray(model.response(0, LINE)) + 0.5
     speed[100:140] = 0.5
     log = run(time, command, speed=Signal("speed", time, speed, "rad/s"))
     family = HydraulicMotor()
@@ -240,7 +240,7 @@ def bench(rng: np.random.Generator, noise: float = 0.0, **more: float) -> dict[s
     time, levels = 0.02 * np.arange(1200), rng.uniform(-1.0, 1.0, 60)
     command = np.repeat(levels, 20)
     v = {**LINE, "dead_zone": 0.1, "gain": 100.0, "curvature": 0.5, "hysteresis": 0.05, **more}
-    speed = np.asarray(MotorModel([run(time, command)]).speed(0, v))
+    speed = np.asarray(MotorModel([run(time, command)]).response(0, v))
     return {
         "time [s]": time,
         "command [A]": command + noise * rng.standard_normal(time.size),

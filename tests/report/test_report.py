@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 import subprocess
 import sys
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -31,11 +34,14 @@ from fluidact_fit.report.numbers import (
     percent,
     plain,
     pretty_unit,
+    scaled,
     short,
     show,
     with_error,
 )
+from fluidact_fit.report.page import result_page
 from fluidact_fit.report.panels import correlation
+from fluidact_fit.report.reading import picture
 from fluidact_fit.report.runs import envelope
 from fluidact_fit.result import FitResult
 
@@ -177,6 +183,47 @@ def _hidden_ticks(axes: Any) -> set[Any]:
     return hidden
 
 
+def test_a_warning_is_named_under_the_badge() -> None:
+    passed = plot_result(make(verdict="pass"))
+    assert "not identified" not in [t.get_text() for t in passed.texts]
+    result = make(verdict="warn")
+    figure = plot_result(result)
+    badge = next(t for t in figure.texts if t.get_text() == "WARN")
+    named = next(t for t in figure.texts if t.get_text() == "not identified")
+    assert named.get_position()[1] < badge.get_position()[1]
+
+
+def test_panels_have_the_range_of_what_they_show() -> None:
+    result = make(400, 2)
+    first, second = result.fitted
+    raised = replace(second, measured=second.measured + 5e6, simulated=second.simulated + 5e6)
+    figure = plot_result(replace(result, fitted=[first, raised]))
+    upper, other = figure.axes[:2]
+    assert upper.get_ylim()[1] < 10.0 < 40.0 < other.get_ylim()[0]  # bar
+    residuals = figure.axes[2:4]
+    assert residuals[0].get_ylim() == residuals[1].get_ylim()
+    correlations = next(a for a in figure.axes if "autocorrelation" in a.get_title(loc="left"))
+    assert correlations.get_ylim()[1] < 0.3
+
+
+def test_the_worst_sample_is_seen_close_up() -> None:
+    result = make(1000)
+    (run,) = result.fitted
+    measured = run.measured.copy()
+    measured[700] += 9e4
+    figure = plot_result(replace(result, fitted=[replace(run, measured=measured)]))
+    close = next(a for a in figure.axes if "largest residual" in a.get_title(loc="left"))
+    assert "0.9" in close.get_title(loc="left")
+    low, high = close.get_xlim()
+    at = float(run.experiment.time[700])
+    assert low < at < high
+    assert high - low < 0.1 * float(run.experiment.time[-1])
+    edge = next(a for a in figure.axes if "sharpest edge" in a.get_title(loc="left"))
+    low, high = edge.get_xlim()
+    jumps = run.experiment.time[1:][np.diff(run.experiment["inlet"]) != 0.0]
+    assert ((jumps > low) & (jumps < high)).any()
+
+
 def test_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
     for kind in ("png", "svg", "pdf"):
         first = save_figure(plot_result(make()), tmp_path / f"a.{kind}").read_bytes()
@@ -276,6 +323,7 @@ def test_validation_has_its_own_picture() -> None:
     figure = plot_validation(make(validation=True))
     assert figure is not None
     assert "not fitted" in texts(figure)
+    assert all(axes.get_position().y0 > 0.05 for axes in figure.axes)  # nothing is cut
 
 
 class _Structure(HTMLParser):
@@ -292,7 +340,7 @@ class _Structure(HTMLParser):
         self.seen.add(tag)
         self.sources += [v or "" for k, v in attrs if k in ("src", "href")]
         assert not any(k.startswith("on") for k, _ in attrs)
-        if tag not in {"meta", "img", "br", "link", "input"}:
+        if tag not in {"meta", "img", "br", "wbr", "link", "input"}:
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -311,13 +359,17 @@ def test_page_is_whole_self_contained_and_escaped(tmp_path: Path, runs: int) -> 
     found = _Structure()
     found.feed(page)
     assert found.open == []
-    assert not found.seen & {"script", "link", "iframe", "object", "b"}
+    assert not found.seen & {"link", "iframe", "object", "b"}
+    (script,) = re.findall("<script>(.*?)</script>", page, re.DOTALL)
+    trusted = b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{trusted}'\"" in page
     assert len(found.sources) == 2
     assert all(s.startswith("data:image/svg+xml;base64,") for s in found.sources)
+    assert found.text.index("Warnings") < found.text.index("The model against")
     for word in (
         EVIL, "WARN", "0.4000 ± 0.0020", "not identified", "time_constant", "Provenance",
         "Correlation", "extrapolates", "−0.50", "sha256",
-        "Record sharp steps", "-> do <this>",
+        "Record sharp steps", "-> do <this>", "400.0 ± 2.0 ms",
     ):  # fmt: skip
         assert word in found.text, word
 
@@ -330,9 +382,44 @@ def test_page_of_a_file_alone(tmp_path: Path) -> None:
     found = _Structure()
     found.feed(path.read_text(encoding="utf-8"))
     assert found.sources == []
+    assert "<mi>time_constant</mi>" in path.read_text(encoding="utf-8")
     assert "time_constant" in found.text
     with pytest.raises(OutputError):
         write_document_html(document, path)
+
+
+def test_pictures_are_told_in_words_and_tables_are_reached_by_keyboard() -> None:
+    page = result_page(make(300, 2, validation=True))
+    first, second = re.findall('<img alt="([^"]*)"', page)
+    for word in ("measured and simulated", "run0: fit ", "largest residual", "98.50 %", "PASS"):
+        assert word in first, word
+    assert "not fitted" in second
+    scrolling = re.findall('<div class="(?:scroll|picture)[^>]*>', page)
+    assert len(scrolling) > 5
+    names = [re.search('aria-label="([^"]+)"', tag) for tag in scrolling]
+    assert len({name[1] for name in names if name}) == len(scrolling)
+    assert all('tabindex="0" role="region"' in tag for tag in scrolling)
+
+
+def test_values_read_off_a_picture_are_those_that_were_drawn() -> None:
+    result = make(50)
+    made = picture(plot_result(result), "title", "words")
+    upper = made.panels[0]
+    assert (upper.x_label, upper.y_label) == (("time", "s"), ("outlet", "bar"))
+    (name,) = [key for key, label in upper.lines if label == "simulated"]
+    svg = made.svg.decode()
+    view = re.search('viewBox="0 0 (\\S+) (\\S+)"', svg)
+    group = svg[svg.index(f'id="{name}"') :]
+    last = re.findall(r"L (\S+) (\S+)", group[: group.index("</g>")])[-1]
+    assert view is not None
+    x, y = (float(p) / float(size) for p, size in zip(last, view.groups(), strict=True))
+    left, top, right, bottom = upper.box
+    time = upper.x[0] + (x - left) / (right - left) * (upper.x[1] - upper.x[0])
+    value = upper.y[0] + (bottom - y) / (bottom - top) * (upper.y[1] - upper.y[0])
+    assert time == pytest.approx(3.0, abs=2e-3)
+    assert value == pytest.approx(result.fitted[0].simulated[-1] / 1e5, abs=2e-3)
+    residual = made.panels[1]
+    assert [label for _, label in residual.lines] == ["residual"]
 
 
 @pytest.mark.parametrize(
@@ -362,6 +449,9 @@ def test_numbers_as_people_read_them() -> None:
     assert pretty_unit("kg m2") == "kg·m²"
     assert pretty_unit("N s/m") == "N·s/m"
     assert pretty_unit("1") == ""
+    assert pretty_unit("m3/(s V Pa^0.5)") == "m³/(s·V·√Pa)"
+    assert scaled(5.02e-5, "m") == "0.0502 mm"
+    assert scaled(14.6, "s") == "14.6 s"
     assert choose_scale("Pa", 4e5).label("outlet") == "outlet [bar]"
     assert choose_scale("m", 0.2).unit == "mm"
     assert choose_scale("1", 0.2).label("gain") == "gain"

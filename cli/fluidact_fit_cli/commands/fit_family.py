@@ -68,7 +68,7 @@ _OTHERS = (
 )  # fmt: skip
 
 # What is known of the parameters beforehand.
-_PARAMETERS: list[click.Parameter] = [
+PARAMETERS: list[click.Parameter] = [
     assignment("--fix", "NAME=VALUE", "'dead_time=12 ms'", parse_quantity,
                "Hold a parameter at a value, in SI or with its unit.", "Parameters"),
     assignment("--start", "NAME=VALUE", "mass=50", parse_quantity,
@@ -96,7 +96,7 @@ def make_command(name: str) -> click.Command:
             *output_options(name),
             *READING,
             *family_options(family),
-            *_PARAMETERS,
+            *PARAMETERS,
             *_JUDGING,
             *VERBOSITY,
         ],
@@ -132,8 +132,8 @@ def run_fit(
 ) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = targets_of(family.name, params)
-    _check_names(family, params)
-    params = {**params, **_in_si(family, params)}
+    check_family_names(family, params)
+    params = {**params, **in_si(family, params)}
     _check_files(params, targets)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         result = _judge(_fit(family, params, invocation, progress), params)
@@ -157,7 +157,7 @@ def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
     return {option: path for option, path in asked.items() if path is not None}
 
 
-def _check_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
+def check_family_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
     """Refuse roles and parameters that the family has not."""
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
@@ -206,7 +206,7 @@ def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, A
         check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
 
 
-def _in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str, Any]:
+def in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str, Any]:
     """Numbers with a unit in the SI unit of their parameter or role, by option."""
     specs = [p for v in family.variants for p in v.parameters]
     roles = [r for v in family.variants for r in v.roles]

@@ -15,6 +15,7 @@ from ..errors import Notice
 from ..family import Family, FamilyOptions, Solution, Variant
 from ..outcome import Simulation
 from .holds import find_other_holds
+from .implausible import find_implausible, implausible_notices
 from .independence import find_independent_samples
 from .influence import (
     Outlier,
@@ -24,7 +25,12 @@ from .influence import (
     measure_influence,
 )
 from .optimum import Optimum, make_optimum
-from .residual_tests import find_feedback, judge_channels, residual_to_noise
+from .residual_tests import (
+    find_feedback,
+    judge_channels,
+    residual_to_noise,
+    reversed_gains,
+)
 from .score_test import find_missing_response
 from .sensitivity_to_given import find_conditional, find_reliance
 
@@ -81,6 +87,9 @@ def examine(
     if at is not None:
         outliers = _examine_derivatives(at, add)
     add("channels", judge_channels(family, solution, fitted))
+    runs = [s.experiment for s in fitted]
+    notices += implausible_notices(find_implausible(family, solution.options, variant, runs))
+    notices += reversed_gains(variant, solution)
     if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
         notices = [n for n in notices if n.code != "errors-change-slowly"]
     return Examined(details, notices, outliers)

@@ -135,6 +135,22 @@ HOLD_EXPLAINS = _declare(
     "hold_explains",
     0.7, "part of the residual that another hold leaves at most where forces are in it",
     "tests/families/test_dynamic.py")
+# numbers that no actuator has
+_UNITS = "tests/assessment/test_implausible.py"
+LARGEST_AREA = _declare(
+    "largest_area", 0.5, "piston area [m2] (0.8 m across) above which it is in another unit",
+    _UNITS)
+LARGEST_VOLUME = _declare(
+    "largest_volume", 0.5, "dead volume [m3] above which it is in another unit", _UNITS)
+LONGEST_WAY = _declare(
+    "longest_way", 8.0, "way of an actuator [m] above which it is in another unit", _UNITS)
+FASTEST = _declare(
+    "fastest", 20.0, "change of speed [m/s] above which it is in another unit", _UNITS)
+LEAST_PRESSURE = _declare(
+    "least_pressure",
+    3e3, "highest pressure of a chamber [Pa] below which it is in another unit", _UNITS)
+VACUUM = _declare(
+    "vacuum", 1.2e5, "pressure below the atmosphere [Pa] that there cannot be", _UNITS)
 # verdict
 STRUCTURED = _declare(
     "structured", 1e-3, "probability of a residual that is not white",
@@ -147,4 +163,10 @@ FIT_CLOSE = _declare(
 FIT_WEAK = _declare(
     "fit_weak", 60.0, "fit [%] below which a fit is weak", "tests/test_outcome.py")
 FIT_POOR = _declare(
-    "fit_poor", 20.0, "fit [%] below which a fit has failed", "tests/test_outcome.py")
+    "fit_poor",
+    30.0, "fit [%] below which a fit has failed: it explains less than half of the variance",
+    "tests/test_outcome.py")
+NOISE_ALONE = _declare(
+    "noise_alone",
+    1.3, "times its noise that a white residual may be, for a fit that has not failed",
+    "tests/test_outcome.py")

@@ -5,7 +5,7 @@ Only a refused fit is asked: each of these also occurs in a recording that is ri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,10 @@ _CHANGES = 0.25  # of its range, which an input changes while the output is ther
 _MOVING = 0.05  # of the largest speed, at which something moves
 _PUSHED = 0.2  # of that time, in which it would move elsewhere
 _AGAINST = 0.5  # correlation of an input and the motion against it
+_SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
+_SIDES_DIFFER = 1.5  # times, from which on a model of equal sides is not determined
+_ASIDE = 0.8  # of it, that output and change of the output may have of the other sign
+_ALIKE = 0.004  # of its range, by which two sensors of one quantity differ
 _JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
 _OTHERWISE = 0.2  # of its range, below which all other steps are
 _BEYOND = 1.1  # times its range, over which a counter goes on
@@ -56,11 +60,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
                 "be swapped, and",
                 f"Check --column {role}=... and --column {output}=...",
             )
-        if _moves_against(runs, role, output):
-            yield Cause(
-                f"'{output}' moves against '{role}': one of them seems to have the other sign, and",
-                f"If so, give --scale {role}=-1 or --scale {output}=-1; else check their columns.",
-            )
+        yield from _reversed_signs(runs, role, output)
     measured = [r.name for r in variant.roles if r.name != "time" and r.hold != "zoh"]
     for role in measured:
         some = [e for e in runs if role in e]
@@ -79,6 +79,23 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
                 f"'{output}' stays at {text}, an end of its range, for {samples} samples while "
                 f"'{role}' changes: there seems to be a stop, or a sensor at its limit, and",
                 "Leave that out with --exclude or --window, or record within the stroke.",
+            )
+    sided = any(p.name.endswith(_SIDED) for p in variant.parameters)
+    for role in (r.name for r in variant.driving):
+        times = 1.0 if sided else _asymmetry(runs, role, output)
+        if times > _SIDES_DIFFER:
+            yield Cause(
+                f"'{output}' answers {times:.2g} times as much to one sign of '{role}' as to the "
+                "other, which this model does not do, and",
+                f"Fit each sign of '{role}' by itself (--exclude or --window), or correct what is "
+                "steeper on one side: a sensor, a valve, an area.",
+            )
+        if _is_one_signal(runs, role, output):
+            yield Cause(
+                f"'{output}' is '{role}' at the same sample, but for a factor and noise: the two "
+                "columns seem to be of one signal, and",
+                f"Check --column {role}=... and --column {output}=...; of a machine that answers "
+                "so fast, sample faster.",
             )
 
 
@@ -122,28 +139,83 @@ def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _
     return np.array([float(first[: first.size - k] @ second[k:]) / power for k in lags])
 
 
-def _moves_against(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    return moves_against(both)
+def _reversed_signs(runs: Sequence[Experiment], role: str, output: str) -> Iterator[Cause]:
+    """An output that moves against an input: in all logs, or in some of them alone."""
+    signs = {f"log {e.log + 1} ({e.name.split('#')[0]})": _direction(e, role, output) for e in runs}
+    against = [name for name, sign in signs.items() if sign < 0]
+    along = [name for name, sign in signs.items() if sign > 0]
+    if against and not along:
+        yield Cause(
+            f"'{output}' moves against '{role}': one of them seems to have the other sign, and",
+            f"If so, give --scale {role}=-1 or --scale {output}=-1; else check their columns.",
+        )
+    elif against:
+        fewer = min(against, along, key=len)
+        most = "against" if fewer is along else "along with"
+        yield Cause(
+            f"'{output}' moves {most} '{role}' in most logs, and the other way in "
+            f"{', '.join(fewer)}: one of its columns seems to have the other sign, and",
+            f"If so, leave {'it' if len(fewer) == 1 else 'them'} out, or reverse the column in the "
+            f"file: --scale {role}=-1 would reverse it in all logs.",
+        )
 
 
-def moves_against(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> bool:
-    """Whether an output, or its change, follows an input of the other sign alone.
+def _direction(e: Experiment, role: str, output: str) -> int:
+    return direction(e[role], e[output]) if role in e and output in e else 0
 
-    What swings follows one of either sign, half a period later. Pairs of input and output, shapes
-    ``(n,)`` [any units]; short ones and those of two lengths tell nothing.
+
+def direction(u: FloatArray, y: FloatArray) -> int:
+    """1 where the output, or its change, follows the input, -1 where it goes against it, else 0.
+
+    What swings follows an input of either sign, half a period later. The output of a line goes
+    with its input, its change goes to and fro; the change of a mass goes with its input, the way
+    to and fro: what is nearest to the input counts.
     """
-    along, against = 0.0, 0.0
-    for u, y in pairs:
-        if not u.size == y.size >= _LEAST:
-            continue
-        u, y = u - u.mean(), y - y.mean()
-        speed = y[_SPEED:] - y[:-_SPEED]
-        for moved, drive in ((y, u), (speed, u[: speed.size])):
-            correlations = _correlations(drive, moved, (0, *_LAGS))
-            along = max(along, float(correlations.max()))
-            against = min(against, float(correlations.min()))
-    return against < -max(_AGAINST, 2.0 * along)
+    if not u.size == y.size >= _LEAST:
+        return 0
+    u, y = u - u.mean(), y - y.mean()
+    speed = y[_SPEED:] - y[:-_SPEED]
+    pairs = ((y, u), (speed, u[: speed.size]))
+    found = [_correlations(drive, moved, (0, *_LAGS)) for moved, drive in pairs]
+    near, other = sorted(found, key=lambda c: -float(np.abs(c).max()))
+    for sign in (1, -1):
+        most, least = float((sign * near).max()), float((-sign * near).max())
+        aside = float((-sign * other).max())
+        if most > max(_AGAINST, 2.0 * least) and aside < _ASIDE * most:
+            return sign
+    return 0
+
+
+def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
+    """How many times as much an output answers to one sign of its input as to the other.
+
+    Means of large inputs of either sign, against the output without input; 1 where there is none.
+    """
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
+    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST]
+    answers = []
+    for sign in (1.0, -1.0):
+        top = max((float((sign * u).max()) for u, _ in both), default=0.0)
+        gains = []
+        for u, y in both:
+            large, rest = sign * u > 0.5 * top, np.abs(u) < _BAND * np.abs(u).max()
+            if top > 0.0 and large.any() and rest.any():
+                rise = float(y[large].mean() - y[rest].mean())
+                gains.append(rise / float(u[large].mean()))
+        answers.append(float(np.mean(gains)) if gains else 0.0)
+    low, high = sorted(answers)
+    return high / low if low > 0.0 else 1.0
+
+
+def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
+    """Whether the output is the input at the very same sample, but for a factor and noise."""
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
+    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST and np.ptp(u) > 0.0]
+    return bool(both) and all(
+        np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - _ALIKE**2
+        and np.argmax(np.abs(_correlations(np.diff(u), np.diff(y), (0, *_LAGS)))) == 0
+        for u, y in both
+    )
 
 
 def _turn(values: FloatArray) -> float:

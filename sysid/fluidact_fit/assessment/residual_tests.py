@@ -130,6 +130,24 @@ def _channel_notice(
     )
 
 
+def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> list[Notice]:
+    """Name an output that falls as an input rises: a machine that reverses it, or a sign."""
+    output, inputs = variant.output.name, [r.name for r in variant.driving]
+    found = []
+    for spec in variant.parameters:
+        top, bottom = spec.ratio or ("", "")
+        q = solution.parameters.get(spec.name)
+        if top == output and bottom in inputs and q is not None and np.all(np.array(q.value) < 0.0):
+            found.append(
+                Notice(
+                    "sign-reversed",
+                    f"{spec.name} is negative: '{output}' falls as '{bottom}' rises. If that is "
+                    f"not so, give --scale {bottom}=-1 or --scale {output}=-1.",
+                )
+            )
+    return found
+
+
 def find_feedback(
     variant: Variant,
     solution: Solution[FamilyOptions],

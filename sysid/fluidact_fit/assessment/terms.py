@@ -21,7 +21,7 @@ from ..experiment import Experiment, FloatArray, Signal, all_of
 from ..family import ParameterSpec
 from ..options import describe
 from ..rows import blocks, by_rows
-from ..units import after_number
+from ..units import after_number, as_time
 from . import policy
 from .optimum import Optimum, Series, delayed, root_mean_square
 
@@ -165,7 +165,8 @@ def _ramp(t: FloatArray, since: float, size: float) -> FloatArray:
 
 def _parameters(at: Optimum) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
-    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees}
+    possible = {spec.name for spec in at.variant.parameters}
+    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees in possible}
     table = at.solution.parameters
     held = [n for n, q in table.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*held, *(n for n in freed if n not in table))):
@@ -255,7 +256,7 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
-        return f"'{role}' acts {1e3 * abs(size):.3g} ms {when} than recorded"
+        return f"'{role}' acts {as_time(abs(size))} {when} than recorded"
 
     def more(size: float) -> str:
         return f"{words(size)} for every second since the start of the log"
@@ -303,7 +304,7 @@ def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
         yield Term(
             f"lag{of} of {lag:g} samples", "s",
             lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
-            f"{1e3 * abs(size):.3g} ms",
+            f"{as_time(abs(size))}",
             _LAG, columns, most=policy.FARTHEST_LAG * lag * step,
         )  # fmt: skip
 

@@ -10,6 +10,7 @@ from ..experiment import all_of, where_finite
 from ..notices import is_information
 from ..outcome import Agreement, Simulation, percent_text
 from . import policy
+from .refusal_causes import Cause
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
@@ -22,8 +23,14 @@ def judge(
     notices: Sequence[Notice],
     residual_to_noise: float | None = None,
     white: Whiteness | None = None,
+    cause: Cause | None = None,
 ) -> tuple[str, list[Notice]]:
-    """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices."""
+    """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices.
+
+    A fit fails where it explains less than half of the variance of the output, unless what is left
+    is the noise of the output and nothing else: white, and no larger than that noise. ``cause`` is
+    what the logs show that may be why it failed.
+    """
     reasons: list[Notice] = []
     structured = white is not None and white.p_value < policy.STRUCTURED
     ratio = residual_to_noise or 0.0
@@ -39,24 +46,22 @@ def judge(
                 "reversals are friction, mass or a delay.",
             )
         )
-    if overall.fit_percent < policy.FIT_POOR:
-        reasons.append(
-            Notice(
-                "poor-fit",
-                f"the model misses the output by {percent_text(missed, '.0f')} of what it "
-                "moves (RMS). "
-                "Check the columns, units and signs, or whether this family describes the machine.",
-            )
-        )
-        return "fail", reasons
+    misses = f"the model misses the output by {percent_text(missed, '.0f')} of what it moves (RMS)"
+    noise_alone = 0.0 < ratio < policy.NOISE_ALONE and not structured
+    if overall.fit_percent < policy.FIT_POOR and not noise_alone:
+        words = f"{cause.words} {misses}. {cause.remedy}" if cause else (
+            f"{misses}. Check the columns, units and signs, or whether this family describes the "
+            "machine."
+        )  # fmt: skip
+        return "fail", [*reasons, Notice("poor-fit", words)]
     if overall.fit_percent < policy.FIT_WEAK:
-        reasons.append(
-            Notice(
-                "weak-fit",
-                f"the model misses the output by {percent_text(missed, '.0f')} of what it "
-                "moves (RMS); look at the picture (--plot) before using the numbers.",
+        remedy = "; look at the picture (--plot) before using the numbers."
+        if noise_alone:
+            remedy = (
+                ", all of it noise of the output, which the intervals include. Move further, or "
+                "record with a cleaner sensor, to narrow them."
             )
-        )
+        reasons.append(Notice("weak-fit", misses + remedy))
     if not all(is_information(n.code) for n in (*notices, *reasons)):
         return "warn", reasons
     return "pass", reasons

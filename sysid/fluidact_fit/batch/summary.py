@@ -12,7 +12,7 @@ import numpy as np
 
 from ..estimation.random_effects import estimate_spread
 from ..parameters.atomic import write_together
-from ..report.fleet import FleetQuantity, Reason, fleet_page
+from ..report.fleet import FleetJob, FleetQuantity, Reason, fleet_page
 from .jobs import Job
 from .outcome import STATUS, Outcome
 from .targets import RECORDS, SUMMARY
@@ -99,11 +99,13 @@ def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
             warned.setdefault(name, []).append(outcome.job)
     return fleet_page(
         {name: number for name, number in counts.items() if number},
+        [FleetJob(j.name, j.family, o.status, o.verdict, o.warnings, tuple(o.files))
+         for j, o in zip(jobs, outcomes)],
         fleet_quantities(jobs, outcomes),
         _reasons(outcomes),
         dict(sorted(warned.items(), key=lambda item: -len(item[1]))),
         RECORDS,
-    )
+    )  # fmt: skip
 
 
 def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[FleetQuantity]:

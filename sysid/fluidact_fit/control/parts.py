@@ -98,11 +98,14 @@ class Supply:
 
 
 def supplies_of(parts: Parts) -> list[Supply]:
-    """Chains of valve and line in the order given; each begins with a valve or a lone line."""
+    """Chains of valve and line in the order given.
+
+    Each begins with a valve, with a line that was driven by the command of one, or a lone line.
+    """
     chains: list[list[Any]] = []
     for block in parts.blocks.get("supply", ()):
-        valve = "natural_frequency" in block.parameters
-        if valve or not chains or "natural_frequency" not in chains[-1][-1].parameters:
+        commanded = block.input is not None and block.input.role == "command"
+        if commanded or not chains or "natural_frequency" not in chains[-1][-1].parameters:
             chains.append([block])
         else:
             chains[-1].append(block)

@@ -164,7 +164,7 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _to_design(task: Task, search: Search, ranking: Sequence[Trial]) -> Design:
-    best, name, output = ranking[0], task.drive.name, task.variant.output
+    best, name, output = ranking[0], task.drive.name, task.output
     notes = task.notes
     if search.drifts and task.limits.stroke is not None:
         needed = float(np.ptp(best.output))

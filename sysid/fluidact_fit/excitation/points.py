@@ -26,7 +26,7 @@ def design_points(task: Task) -> Design:
     share = optimal_measure(static_rows(task, grid), task.scales, chosen)
     points, shares = _support(grid, share)
     weights = shares * static_samples(task)
-    output, unknown = task.variant.output, task.unknowns[0]
+    output, unknown = task.output, task.unknowns[0]
     note = (
         f"{100.0 * _SPREAD:.0f} % of the samples are spread evenly: the rest would not show "
         "whether the curve has another shape."

@@ -103,6 +103,12 @@ class Task:
         return replace(role, unit=covered.unit if covered else role.unit, hold=hold)
 
     @cached_property
+    def output(self) -> Role:
+        """What is measured, in the unit of the file."""
+        units = {role: covered.unit for role, covered in self.document.validity.items()}
+        return self.variant.measured_in(units).output
+
+    @cached_property
     def limits(self) -> Limits:
         """What was not given is what the file's logs covered."""
         given, drive, output = self.given, self.drive, self.variant.output.name

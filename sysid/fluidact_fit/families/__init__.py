@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _REGISTRY = {
     "potentiometer": (
         "potentiometer.family:Potentiometer",
-        "Potentiometer: rational Bezier calibration of position from the raw reading",
+        "Potentiometer or other sensor: rational Bezier calibration of the raw reading",
     ),
     "ball-screw": (
         "ball_screw.family:BallScrew",

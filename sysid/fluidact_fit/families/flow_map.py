@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import Block
-from ..errors import Notice, NotIdentifiedError
+from ..errors import LogError, Notice, NotIdentifiedError
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -46,6 +46,7 @@ from ..family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     Variant,
     make_solution,
 )
@@ -64,6 +65,7 @@ from ..routines import (
 )
 
 SIDES = (("positive", 1.0), ("negative", -1.0))
+_AGAINST = 0.5  # correlation of command and flow of the other sign, at which one is reversed
 
 
 @dataclass(frozen=True)
@@ -201,6 +203,12 @@ class FlowMap(Family[FlowMapOptions]):
         ),
     )  # fmt: skip
     options_type = FlowMapOptions
+    structures = (
+        Structure("straight, no leakage", fixed={"curvature": 0.0, "leakage": 0.0}),
+        Structure("curved, no leakage", fixed={"leakage": 0.0}),
+        Structure("straight, leakage", fixed={"curvature": 0.0}),
+        Structure("curved, leakage"),
+    )
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[FlowMapOptions]
@@ -215,6 +223,7 @@ class FlowMap(Family[FlowMapOptions]):
             options = replace(options, reference_pressure=float(np.median(drops)))
         data = _gather(experiments, options)
         u, q = data.x[:, 0], data.y / np.where(data.x[:, 1] == 0.0, np.inf, data.x[:, 1])
+        _require_flow_along(u, q, "pressure_drop" in experiments[0])
         most, largest = float(np.abs(u).max()), float(np.abs(q).max())
         limits = {
             "curvature": (-0.5 / most, np.inf), "leakage": (-largest, largest),
@@ -286,6 +295,18 @@ class FlowMap(Family[FlowMapOptions]):
 
 
 # ------------------------------------------------------------------------ data and refusals
+
+
+def _require_flow_along(u: FloatArray, q: FloatArray, dropped: bool) -> None:
+    """Refuse flows of the other sign than command and pressure drop (``LogError``)."""
+    size = float(np.linalg.norm(u) * np.linalg.norm(q))
+    if float(u @ q) < -_AGAINST * size:
+        roles = ["flow", "command", *(["pressure_drop"] if dropped else [])]
+        raise LogError(
+            "the flow runs against the command" + " and the pressure drop" * dropped,
+            expected="Expected flow from a positive command to be positive.",
+            remedy=f"Reverse one sign: {' or '.join(f'--scale {r}=-1' for r in roles)}.",
+        )
 
 
 def _inputs(e: Experiment, options: FlowMapOptions) -> FloatArray:

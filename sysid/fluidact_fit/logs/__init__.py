@@ -10,6 +10,7 @@ from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
 from .reader import read_log
 from .repeats import require_other_data
+from .same_signal import require_two_signals
 
 __all__ = [
     "Column",
@@ -24,5 +25,6 @@ __all__ = [
     "read_log",
     "require_agreement",
     "require_other_data",
+    "require_two_signals",
     "share_columns",
 ]

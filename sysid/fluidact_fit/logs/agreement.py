@@ -58,7 +58,7 @@ def require_agreement(
         ]
     for role in variant.roles:
         _require_one_quantity([s for s in stated if s.role == role.name])
-    _require_one_quantity([s for s in stated if s.role in variant.alike])
+    _require_one_quantity([s for s in stated if s.role in variant.alike], variant.unlike)
     _require_one_reference(stated)
 
 
@@ -70,7 +70,7 @@ def _stated(log: Log, variant: Variant) -> Iterator[_Stated]:
         yield _Stated(log, name, role.unit, log.units.get(name, role.unit), name not in log.units)
 
 
-def _require_one_quantity(stated: Sequence[_Stated]) -> None:
+def _require_one_quantity(stated: Sequence[_Stated], remedy: str = "") -> None:
     """Refuse two quantities where one is needed."""
     other = next((s for s in stated if s.si != stated[0].si), None)
     if other is None:
@@ -84,7 +84,7 @@ def _require_one_quantity(stated: Sequence[_Stated]) -> None:
         where=_where(first, other),
         expected="Expected one and the same quantity.",
         remedy=f"Give --unit {wrong.role}={right.unit} if that is its unit, or, to convert it, "
-        f"--scale {wrong.role}=FACTOR and --unit {wrong.role}={right.unit}.",
+        f"--scale {wrong.role}=FACTOR and --unit {wrong.role}={right.unit}. {remedy}".strip(),
     )
 
 

@@ -211,6 +211,10 @@ def _is_given(log: Log, column: Column) -> bool:
     return any(c is column for wanted in log.bindings.values() for c in matching(log, wanted))
 
 
+def _factor(unit: str, role: Role, where: str) -> float:
+    return conversion_factor(unit, role.unit, where, role.name, role.alternatives)
+
+
 def in_unit(role: Role, unit: str | None) -> Role:
     """A role in that of its SI units which measures what ``unit`` does, else in the first."""
     if not unit or not role.alternatives:
@@ -263,7 +267,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         column=column,
         unit=unit or role.unit,
         scale=scale,
-        to_si=scale * (conversion_factor(unit, role.unit, where, role.name) if unit else 1.0),
+        to_si=scale * _factor(unit, role, where) if unit else scale,
         assumed=assumed,
     )
 

@@ -74,7 +74,10 @@ def settle_turns(log: Log, bindings: Mapping[str, Binding], runs: Sequence[Run])
         if given is None and binding.role.unit == "m" and not _are_whole(binding.column.values):
             continue  # no counter
         parts = list(_parts(binding, runs))
-        found = _as_given(parts, given) if given is not None else _found(log, binding, parts)
+        in_time = any(run.time.size for run in runs)
+        found = (
+            _as_given(parts, given) if given is not None else _found(log, binding, parts, in_time)
+        )
         if given is not None or found is not None:
             out.turns[role] = found.size if found is not None else 0.0
         if found is not None and found.rows.size:
@@ -141,9 +144,12 @@ def _as_given(parts: Sequence[tuple[IndexArray, FloatArray]], size: float) -> Tu
 
 
 def _found(
-    log: Log, binding: Binding, parts: Sequence[tuple[IndexArray, FloatArray]]
+    log: Log, binding: Binding, parts: Sequence[tuple[IndexArray, FloatArray]], in_time: bool
 ) -> Turn | None:
-    """What a column shows, ``None`` where it does not begin again."""
+    """What a column shows, ``None`` where it does not begin again.
+
+    Points that are not ``in_time`` may jump: what is not certain is then no turn.
+    """
     span = _span(parts)
     if not span or not any(_jumps(v, span) for _, v in parts):
         return None
@@ -157,7 +163,7 @@ def _found(
     for size in sizes:
         if steps.begin_again_at(size):
             return _as_given(parts, size)
-    if rotary and (seen := steps.seems_to_begin_again(turn)):
+    if rotary and in_time and (seen := steps.seems_to_begin_again(turn)):
         raise _doubt(log, binding, turn, seen, steps.rows)
     return None
 

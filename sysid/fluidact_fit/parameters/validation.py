@@ -257,7 +257,7 @@ def _possible_units(
     spec: ParameterSpec, units_of: dict[str, tuple[str, ...]]
 ) -> tuple[list[str], bool]:
     """Units that a parameter may have, and whether any other will do."""
-    roles = [role for role in spec.ratio or () if role != "1"]
+    roles = spec.roles_of_unit
     choices = product(*(units_of.get(role, ()) for role in roles))
     known = [spec.unit_for(dict(zip(roles, chosen))) for chosen in choices]
     return known or [spec.unit], not known

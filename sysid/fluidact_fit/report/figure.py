@@ -11,17 +11,20 @@ import numpy.typing as npt
 
 from ..families import get_family
 from ..family import StaticView
+from ..notices import is_note
 from ..outcome import Outcome, Simulation, agreement
 from . import panels
-from .numbers import choose_scale, count, percent, plain, short
+from .details import detail_row
+from .numbers import choose_scale, count, percent, plain, short, spoken
 from .runs import choose, drive_role, instants
-from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend, load_matplotlib
+from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, SMALL, VERDICT, legend, load_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SIZE = (13.0, 7.6)  # inches
+_DETAILS = 3.1  # inches of the row beneath a dynamic fit
 _SIDE = 4.3 / 13.0  # share of the text column
 
 
@@ -30,8 +33,9 @@ def plot_result(result: Outcome) -> Figure:
 
     A dynamic model shows measured against simulated output over time, residuals with a
     band of two root-mean-square errors, the input, and the autocorrelation of the
-    residuals. A static map shows its curve through the samples and the residuals over
-    its input.
+    residuals; beneath, close-ups of the largest residual and of the sharpest edge, other
+    channels, and the law inside where its family shows one. A static map shows its curve
+    through the samples and the residuals over its input.
 
     Parameters
     ----------
@@ -47,12 +51,14 @@ def plot_result(result: Outcome) -> Figure:
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(SETTINGS):
-        figure = Figure(figsize=_SIZE)
-        _title(figure, result)
         view = static_view(result)
+        width, height = _SIZE
+        figure = Figure(figsize=(width, height + _DETAILS * (view is None)))
+        _title(figure, result)
         if view is None:
             _dynamic(figure, result.fitted, result, right=0.975 - _SIDE)
             lowest = _side(figure, result)
+            detail_row(figure, result, 0.055, 0.975, _height(figure, -0.055))
             panels.correlation_panel(
                 lowest, [r.residual for r in result.fitted], _whiteness(result)
             )
@@ -117,25 +123,46 @@ def _title(figure: Figure, result: Outcome) -> None:
     judged = [v.fit_percent for v in result.document.validation if v.fit_percent is not None]
     if judged:
         parts.append(f"validation fit {percent(min(judged))}" + (" (worst)" * (len(judged) > 1)))
-    figure.text(0.975, 0.957, result.verdict.upper(), fontsize=LARGE, weight="bold", color="white",
-                ha="right", va="center",
+    _name_warnings(figure, result)
+    figure.text(0.975, _height(figure, 0.957), result.verdict.upper(), fontsize=LARGE,
+                weight="bold", color="white", ha="right", va="center",
                 bbox={"boxstyle": "round,pad=0.35", "facecolor": VERDICT[result.verdict],
                       "edgecolor": "none"})  # fmt: skip
     _heading(figure, get_family(result.family).title, "   ·   ".join(parts))
 
 
+def _name_warnings(figure: Figure, result: Outcome) -> None:
+    """The warnings that turned the verdict, by name under the badge."""
+    codes = [w.code for w in result.document.warnings]
+    names = [c.replace("-", " ") for c in dict.fromkeys(codes) if not is_note(c)]
+    if not names or result.verdict == "pass":
+        return
+    lines = [" · ".join(names[:2]), " · ".join(names[2:4])]
+    if len(names) > 4:
+        lines[1] += f" · {len(names) - 4} more"
+    for k, line in enumerate(filter(None, lines)):
+        figure.text(0.975, _height(figure, 0.918 - 0.02 * k), line, fontsize=SMALL, ha="right",
+                    va="center", color=VERDICT[result.verdict], parse_math=False)  # fmt: skip
+
+
+def _height(figure: Figure, share: float) -> float:
+    """A height given as a share of a picture without details, as a share of this one."""
+    return float(1.0 - (1.0 - share) * min(_SIZE[1] / figure.get_figheight(), 1.0))
+
+
 def _heading(figure: Figure, title: str, line: str) -> None:
-    figure.text(0.055, 0.962, title, fontsize=LARGE, weight="bold", color=INK, va="center",
+    figure.text(0.055, _height(figure, 0.962), title, fontsize=LARGE, weight="bold",
+                color=INK, va="center",
                 parse_math=False)  # fmt: skip
-    figure.text(0.055, 0.922, line, fontsize=NORMAL + 1, color=FAINT, va="center",
+    figure.text(0.055, _height(figure, 0.922), line, fontsize=NORMAL + 1, color=FAINT, va="center",
                 parse_math=False)  # fmt: skip
 
 
 def _side(figure: Figure, result: Outcome) -> Axes:
     """Right column: the numbers as text; returns the axes of a panel beneath."""
     grid = figure.add_gridspec(
-        2, 1, height_ratios=(2.1, 1.0), left=0.975 - _SIDE + 0.055, right=0.975, top=0.875,
-        bottom=0.085, hspace=0.2,
+        2, 1, height_ratios=(2.1, 1.0), left=0.975 - _SIDE + 0.055, right=0.975,
+        top=_height(figure, 0.865), bottom=_height(figure, 0.085), hspace=0.2,
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(squeeze=False)
     panels.table_panel(upper, result.parameters, result.derived)
@@ -150,10 +177,14 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
     drive, output = drive_role(result.variant), result.variant.output.name
     heights = (3.2, 1.5, 1.0) if drive else (3.2, 1.5)
     grid = figure.add_gridspec(
-        len(heights), len(columns), height_ratios=heights, left=0.055, right=right, top=0.855,
-        bottom=0.085, hspace=0.16, wspace=0.1,
+        len(heights), len(columns), height_ratios=heights, left=0.055, right=right,
+        top=_height(figure, 0.855), bottom=_height(figure, 0.085), hspace=0.16, wspace=0.2,
     )  # fmt: skip
-    rows = grid.subplots(sharex="col", sharey="row", squeeze=False)
+    rows = grid.subplots(sharex="col", squeeze=False)
+    for row in rows[1:]:  # what is compared between logs; the output has a range of its own
+        for axes in row[1:]:
+            axes.sharey(row[0])
+            axes.tick_params(labelleft=False)
     units = result.experiments[0].signals
     t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown))
     y = panels.scale_of([r.measured for r in shown], units[output].unit)
@@ -165,7 +196,7 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
         panels.residual_panel(lower, column, rmse, t, e)
     for column, upper in zip(columns, rows[0]):  # when the limits that they share are settled
         panels.replaced_samples(upper, column, output, t, y)
-    labels = [y.label(output), e.label("residual")]
+    labels = [y.label(spoken(output)), e.label("residual")]
     if drive:
         driven = [r.experiment[drive] for r in shown if drive in r.experiment]
         u = panels.scale_of(driven, units[drive].unit)
@@ -173,11 +204,12 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
             panels.input_panel(axes, column, drive, t, u)
         for column, axes in zip(columns, rows[2]):
             panels.replaced_samples(axes, column, drive, t, u)
-        labels.append(u.label(drive))
+        labels.append(u.label(spoken(drive)))
     _label(figure, rows, t.label("time"), labels)
     legend(rows[1, -1], rows[0, -1])
     if choice.note and not choice.overlay:
-        figure.text(right, 0.893, choice.note, fontsize=NORMAL, color=FAINT, ha="right",
+        figure.text(right, _height(figure, 0.893), choice.note, fontsize=NORMAL,
+                    color=FAINT, ha="right",
                     va="center")  # fmt: skip
 
 
@@ -187,14 +219,14 @@ def _run_title(run: Simulation, columns: int, runs: int) -> str:
 
 
 def _label(figure: Figure, rows: npt.NDArray[np.object_], time: str, labels: Sequence[str]) -> None:
-    """Labels at the outer edges only."""
+    """Labels of all axes, shown at the outer edges only."""
     for j, (row, label) in enumerate(zip(rows, labels)):
-        row[0].set_ylabel(label)
-        for axes in row:
+        for k, axes in enumerate(row):
+            axes.set(xlabel=time, ylabel=label)
+            axes.xaxis.label.set_visible(j == len(rows) - 1)
+            axes.yaxis.label.set_visible(k == 0)
             axes.margins(x=0.015)
             axes.locator_params(axis="y", nbins=7 if j == 0 else 4)
-    for axes in rows[-1]:
-        axes.set_xlabel(time)
     figure.align_ylabels(rows[:, 0])
 
 
@@ -226,6 +258,7 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     e = panels.scale_of([rest], view.y_unit)
     rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
     panels.map_panel(upper, view, x, y)
+    upper.set_xlabel(x.label(spoken(view.x_name)), visible=False)
     panels.map_residual_panel(lower, view, x, e, rmse)
     legend(lower, upper, columns=6)
     figure.align_ylabels([upper, lower])

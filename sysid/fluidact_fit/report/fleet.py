@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..estimation.random_effects import Spread
-from .html import code, escape, pictures, section, whole_page
+from .html import Cell, code, escape, header, pictures, section, whole_page
 from .numbers import Scale, choose_scale, count, short, with_error
-from .save import render
+from .reading import picture
 from .style import FAINT, INK, MEASURED, SIMULATED, SMALL, dress, load_matplotlib
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _COLUMNS = 3
 _MOST_PICTURES = 60
 _MOST_ROWS = 200
+_MOST_JOBS = 5000
+_MOST_COLUMNS = 6  # numbers beside each job
 _MOST_NAMES = 8
 
 
@@ -63,8 +65,21 @@ class Reason:
     jobs: Sequence[str]
 
 
+@dataclass(frozen=True)
+class FleetJob:
+    """One job: its family, what came of it, and the files that it wrote, as seen from the page."""
+
+    name: str
+    family: str
+    status: str
+    verdict: str
+    warnings: Sequence[str]
+    files: Sequence[str]
+
+
 def fleet_page(
     counts: Mapping[str, int],
+    jobs: Sequence[FleetJob],
     quantities: Sequence[FleetQuantity],
     reasons: Sequence[Reason],
     warnings: Mapping[str, Sequence[str]],
@@ -76,6 +91,8 @@ def fleet_page(
     ----------
     counts
         Jobs by what came of them.
+    jobs
+        Every job.
     quantities
         Distribution of every number.
     reasons
@@ -87,16 +104,11 @@ def fleet_page(
     """
     judged = [q for q in quantities if q.spread is not None]
     total = sum(counts.values())
-    header = (
-        f'<header><div><h1>{count(total)} jobs</h1><p class="sub">'
-        + escape("   ·   ".join(f"{name} {count(n)}" for name, n in counts.items()))
-        + "</p></div></header>"
-    )
     shown = judged[:_MOST_PICTURES]
     figures = []
     if shown:
-        text = "Distribution of every parameter over the units"
-        figures = [(text, render(_plot(shown), "svg"))]
+        title = "Distribution of every parameter over the units"
+        figures = [picture(_plot(shown), title, _in_words(shown))]
     more = ""
     if len(judged) > len(shown):
         more = (
@@ -106,9 +118,58 @@ def fleet_page(
         )
     return whole_page(
         f"{total} jobs",
-        [header, pictures(figures), more, _spreads(quantities), _outliers(judged, records),
-         _reasons(reasons, records), _warnings(warnings)],
+        [header(f"{count(total)} jobs", [f"{name} {count(n)}" for name, n in counts.items()]),
+         _reasons(reasons, records), _warnings(warnings, records), _outliers(judged, records),
+         pictures(figures), more, _spreads(quantities), _jobs(jobs, quantities, records)],
     )  # fmt: skip
+
+
+def _in_words(quantities: Sequence[FleetQuantity]) -> str:
+    """The histograms in words."""
+    said = "; ".join(
+        f"{q.label}: mean {short(q.spread.mean * q.scale.factor, 4)}, between units "
+        f"{short(q.spread.between * q.scale.factor, 3)} {q.scale.unit}, "
+        f"{int(q.spread.outlier.sum())} outliers of {len(q.jobs)}"
+        for q in quantities if q.spread is not None
+    )  # fmt: skip
+    return f"One histogram a parameter, with mean and spread between units. {said}."
+
+
+def _jobs(jobs: Sequence[FleetJob], quantities: Sequence[FleetQuantity], records: str) -> str:
+    """All jobs, with links to their files and, where all are of one family, their numbers."""
+    shown, alike = jobs[:_MOST_JOBS], len({job.family for job in jobs}) == 1
+    columns = [q for q in quantities if "[" not in q.name][: _MOST_COLUMNS * alike]
+    found = [{job: k for k, job in enumerate(q.jobs)} for q in columns]
+    rows: list[list[Cell]] = []
+    for job in shown:
+        numbers = [_number(q, at.get(job.name)) for q, at in zip(columns, found)]
+        warned = ", ".join(dict.fromkeys(job.warnings))
+        rows.append([_links(job, records), escape(job.family), escape(job.status),
+                     escape(job.verdict), escape(warned), *numbers])  # fmt: skip
+    heads = ["job", "family", "status", "verdict", "warnings"]
+    heads += [q.scale.label(q.name) for q in columns]
+    title = "Jobs"
+    if len(jobs) > len(shown):
+        title += f" (the first {count(len(shown))} of {count(len(jobs))}; all are in summary.csv)"
+    numeric = range(len(heads) - len(columns), len(heads))
+    table = section(title, heads, rows, numeric, kind="sortable")
+    return f'<div class="jobs">{table}</div>' if table else ""
+
+
+def _number(q: FleetQuantity, k: int | None) -> Cell:
+    if k is None:
+        return ""
+    value, error = (float(x[k]) * q.scale.factor for x in (q.values, q.errors))
+    return value, escape(with_error(value, error))
+
+
+def _links(job: FleetJob, records: str) -> str:
+    """The name of a job, with links to what it wrote and to its record."""
+    record = f"{records}/{job.name}.txt"
+    files = [(name, name.rpartition(".")[2]) for name in job.files if name != record]
+    files.append((record, "log"))
+    links = ", ".join(f'<a href="{quote(file)}">{escape(kind)}</a>' for file, kind in files)
+    return f"{escape(job.name)} ({links})"
 
 
 def _spreads(quantities: Sequence[FleetQuantity]) -> str:
@@ -170,23 +231,24 @@ def _job(name: str, records: str) -> str:
 def _reasons(reasons: Iterable[Reason], records: str) -> str:
     rows = [
         [escape(r.status), escape(r.text), count(len(r.jobs)),
-         _some([f'<a href="{quote(records)}/{quote(j)}.txt">{escape(j)}</a>' for j in r.jobs])]
+         _some(r.jobs, records)]
         for r in reasons
     ]  # fmt: skip
-    return section("Not fitted, by reason", ("status", "reason", "jobs", ""), rows, numeric=(2,))
+    return section(
+        "Not fitted, by reason", ("status", "reason", "jobs", "which"), rows, numeric=(2,)
+    )
 
 
-def _warnings(warnings: Mapping[str, Sequence[str]]) -> str:
-    rows = [
-        [code(name), count(len(jobs)), _some([escape(job) for job in jobs])]
-        for name, jobs in warnings.items()
-    ]
-    return section("Warnings", ("warning", "jobs", ""), rows, numeric=(1,))
+def _warnings(warnings: Mapping[str, Sequence[str]], records: str) -> str:
+    rows = [[code(name), count(len(jobs)), _some(jobs, records)] for name, jobs in warnings.items()]
+    return section("Warnings", ("warning", "jobs", "which"), rows, numeric=(1,))
 
 
-def _some(texts: Sequence[str]) -> str:
-    """The first of many."""
-    return ", ".join(texts[:_MOST_NAMES]) + (" …" if len(texts) > _MOST_NAMES else "")
+def _some(jobs: Sequence[str], records: str) -> str:
+    """The records of the first of many jobs."""
+    links = (f'<a href="{quote(records)}/{quote(job)}.txt">{escape(job)}</a>'
+             for job in jobs[:_MOST_NAMES])  # fmt: skip
+    return ", ".join(links) + (" …" if len(jobs) > _MOST_NAMES else "")
 
 
 def _plot(quantities: Sequence[FleetQuantity]) -> Figure:

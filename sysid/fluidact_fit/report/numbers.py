@@ -49,10 +49,17 @@ def choose_scale(unit: str, size: float) -> Scale:
     return Scale(1.0, pretty_unit(unit))
 
 
+def scaled(value: float, unit: str, digits: int = 3) -> str:
+    """A number in SI as people say it: ``0.0000502 m`` as ``50.2 µm``."""
+    scale = choose_scale(unit, abs(value))
+    return f"{short(value * scale.factor, digits)} {scale.unit}".rstrip()
+
+
 def pretty_unit(unit: str) -> str:
-    """``kg m2`` as ``kg·m²``; a plain number has none."""
+    """``kg m2`` as ``kg·m²``, ``Pa^0.5`` as ``√Pa``; a plain number has none."""
     if unit in ("1", ""):
         return ""
+    unit = re.sub(r"(\w+)\^0\.5\b", r"√\1", unit)
     raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", lambda m: m[0].translate(_SUPERSCRIPT), unit)
     return raised.replace(" ", "·")
 
@@ -64,7 +71,7 @@ def short(value: float, digits: int = 4) -> str:
     if value == 0.0:
         return "0"
     exponent = floor(log10(abs(value)))
-    if -2 <= exponent < 6:
+    if -3 <= exponent < 6:
         return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
     mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
     return _minus(f"{mantissa}×10{str(int(power)).translate(_SUPERSCRIPT)}")
@@ -115,6 +122,11 @@ def percent(value: float | None) -> str:
 def count(number: int) -> str:
     """An integer in groups of three digits."""
     return f"{number:,}".replace(",", "\u2009" if number >= 10_000 else "")
+
+
+def spoken(name: str) -> str:
+    """A name of a program as people say it: ``dead_time`` as ``dead time``."""
+    return name.replace("_", " ")
 
 
 def plain(text: str, longest: int = 60) -> str:

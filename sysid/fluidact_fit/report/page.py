@@ -1,4 +1,4 @@
-"""One self-contained HTML page per result: no script, nothing loaded from elsewhere."""
+"""One self-contained HTML page per result: nothing is loaded from elsewhere."""
 
 from __future__ import annotations
 
@@ -7,19 +7,36 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..comparison import Comparison
 from ..errors import UsageError
 from ..families import get_family
+from ..notices import is_note
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
-from ..parameters.document import Derived, Measure
+from ..parameters.document import Derived
 from .compared import plot_comparison
+from .equation import typeset
 from .figure import plot_result, plot_validation
-from .html import code, escape, pictures, section, table, whole_page
-from .numbers import count, flatten, percent, pretty_unit, short, show
-from .save import render
+from .html import (
+    Picture,
+    code,
+    escape,
+    folded,
+    header,
+    pictures,
+    scrolling,
+    section,
+    table,
+    whole_page,
+)
+from .numbers import choose_scale, count, flatten, percent, pretty_unit, scaled, short, show
+from .reading import picture
+from .words import describe_fit, describe_validation
 
 _MOST_CORRELATED = 24
+_FAR = 2.0  # standard errors
 _QUANTITY = ("name", "value ± standard error", "unit", "95 % interval")
 
 
@@ -73,34 +90,37 @@ def _check_suffix(path: str | os.PathLike[str]) -> None:
 
 def result_page(result: Outcome) -> str:
     """The page of a fit, pictures included."""
-    figures = [("The model against the data it was fitted to", render(plot_result(result), "svg"))]
+    title = "The model against the data it was fitted to"
+    shown = [picture(plot_result(result), title, describe_fit(result))]
     judged = plot_validation(result)
     if judged is not None:
-        figures.append(("The model against logs that were not fitted", render(judged, "svg")))
-    return document_page(result.document, figures)
+        title = "The model against logs that were not fitted"
+        shown.append(picture(judged, title, describe_validation(result)))
+    return document_page(result.document, shown)
 
 
 def document_page(
     document: ParameterDocument,
-    figures: Sequence[tuple[str, bytes]] = (),
+    shown: Sequence[Picture] = (),
     comparison: Comparison | None = None,
 ) -> str:
-    """The page of a parameter document; ``figures`` are description and SVG of each picture."""
+    """The page of a parameter document, with pictures and a comparison where there are any."""
     sections = (
-        _warnings, _parameters, _derived, _comparisons, _logs, _validity, _correlation, _model,
-        _provenance,
+        _equation, _parameters, _derived, _comparisons, _logs, _validity, _notes, _correlation,
+        _model, _provenance,
     )  # fmt: skip
     beside = "" if comparison is None else _beside(comparison)
-    parts = [_header(document), pictures(figures), beside, *(part(document) for part in sections)]
+    parts = [_header(document), _warnings(document), pictures(shown), beside,
+             *(part(document) for part in sections)]  # fmt: skip
     return whole_page(f"{document.family}: {document.fit.verdict}", parts)
 
 
 def _beside(comparison: Comparison) -> str:
     """Other files beside the first: a table, what it says, and a picture of the differences."""
     first, *others = comparison.files
-    heads = ["name", "unit", escape(first)]
+    heads = ["name", "unit", first]
     for name in others:
-        heads += [escape(name), "differs by"]
+        heads += [name, "differs by"]
     rows = []
     for p in comparison.parameters:
         row = [code(p.name), escape(pretty_unit(p.unit))]
@@ -114,39 +134,60 @@ def _beside(comparison: Comparison) -> str:
         rows.append(row)
     said = "<li>Differences are in standard errors of the difference.</li>"
     said += "".join(f"<li>{escape(t.words)}</li>" for t in comparison.together)
-    figure, alt = plot_comparison(comparison), "Differences, and their 95 % intervals"
-    shown = [] if figure is None else [(alt, render(figure, "svg"))]
-    numbers = section("Beside other files", heads, rows, numeric=range(2, len(heads)))
+    figure, title = plot_comparison(comparison), "Differences, and their 95 % intervals"
+    shown = [] if figure is None else [picture(figure, title, _compared(comparison))]
+    numbers = section("Comparison with other files", heads, rows, numeric=range(2, len(heads)))
     return f"{numbers}<ul>{said}</ul>{pictures(shown)}"
 
 
-def _header(document: ParameterDocument) -> str:
-    fit, verdict = document.fit, document.fit.verdict
-    parts = (
-        f"fit {percent(fit.fit_percent)}",
-        f"rmse {_rmse(fit.rmse)}",
-        f"{count(fit.samples)} samples",
-        f"{len(document.provenance.logs)} log(s)",
-    )
-    accepted = (
-        '<p class="bad">This fit failed and was accepted by the user (--accept-failed).</p>'
-        if document.accepted_failed
-        else ""
-    )
+def _compared(comparison: Comparison) -> str:
+    """The picture of the differences in words."""
+    first, *others = comparison.files
+    said = []
+    for k, name in enumerate(others):
+        far = [p.name for p in comparison.parameters if abs(p.deviations[k] or 0.0) > _FAR]
+        said.append(f"{name}: " + (", ".join(far) if far else "none"))
     return (
-        f'<header><div><h1>{escape(get_family(document.family).title)}</h1><p class="sub">'
-        f"{escape('   ·   '.join(parts))}</p>{accepted}</div>"
-        f'<div class="verdict {verdict}">{verdict.upper()}</div></header>'
+        f"Every parameter of the other files less that of {first}, in per cent of it, with 95 % "
+        f"intervals. Parameters that differ by more than 2 standard errors: {'; '.join(said)}."
     )
 
 
-def _rmse(rmse: Measure) -> str:
-    return f"{short(rmse.value, 3)} {pretty_unit(rmse.unit)}"
+def _header(document: ParameterDocument) -> str:
+    fit, logs = document.fit, len(document.provenance.logs)
+    facts = [
+        f"fit {percent(fit.fit_percent)}",
+        f"rmse {scaled(fit.rmse.value, fit.rmse.unit)}",
+        f"{count(fit.samples)} samples",
+        f"{logs} log{'s' * (logs != 1)}",
+    ]
+    accepted = "This fit failed and was accepted by the user (--accept-failed)."
+    title, remark = get_family(document.family).title, accepted if document.accepted_failed else ""
+    return header(title, facts, fit.verdict, remark)
 
 
 def _warnings(document: ParameterDocument) -> str:
-    items = "".join(f"<li>{code(w.code)}: {escape(w.message)}</li>" for w in document.warnings)
-    return f"<h2>Warnings, and what to do</h2><ul>{items}</ul>" if items else ""
+    return _listed("Warnings, and what to do", document, notes=False)
+
+
+def _notes(document: ParameterDocument) -> str:
+    return _listed("Notes: what was done with the logs", document, notes=True)
+
+
+def _listed(title: str, document: ParameterDocument, *, notes: bool) -> str:
+    """Notices that change the verdict, or those that leave it as it is."""
+    items = "".join(
+        f"<li>{code(w.code)}: {escape(w.message)}</li>"
+        for w in document.warnings
+        if is_note(w.code) == notes
+    )
+    return f"<h2>{escape(title)}</h2><ul>{items}</ul>" if items else ""
+
+
+def _equation(document: ParameterDocument) -> str:
+    family = get_family(document.family)
+    equation = family.variant(document.variant).equation or family.equation
+    return f"<h2>Equation</h2>{scrolling('Equation', typeset(equation), 'equation')}"
 
 
 def _parameters(document: ParameterDocument) -> str:
@@ -159,7 +200,8 @@ def _parameters(document: ParameterDocument) -> str:
             remedy = escape(specs[name].remedy)
             text += f'<br><span class="faint">{remedy}</span>' if remedy else ""
         rows.append([*_quantity(name, q), shown, text])
-    return section("Parameters", (*_QUANTITY, "status", "meaning"), rows, numeric=(1, 3))
+    heads = (*_QUANTITY, "status", "meaning")
+    return section("Parameters", heads, rows, numeric=(1, 3), kind="explained")
 
 
 def _derived(document: ParameterDocument) -> str:
@@ -168,13 +210,23 @@ def _derived(document: ParameterDocument) -> str:
 
 
 def _quantity(name: str, q: Derived) -> list[str]:
-    """Name, value with its error, unit and interval."""
+    """Name, value with its error, also in the unit that people use, unit and interval."""
     listed, interval = isinstance(q.value, list), ""
-    value = _list_table(q) if listed else escape(show(q.value, q.std_error))
+    value = _list_table(q) if listed else escape(show(q.value, q.std_error)) + _also(q)
     if q.ci95 is not None and not listed:
         low, high = flatten(q.ci95)
         interval = f"{short(low, 5)} … {short(high, 5)}"
     return [code(name), value, escape(pretty_unit(q.unit)), interval]
+
+
+def _also(q: Derived) -> str:
+    """A number in the unit that people use, where that is another one."""
+    scale = choose_scale(q.unit, float(np.max(np.abs(q.value))))
+    if scale.factor == 1.0 or not np.any(q.value):
+        return ""
+    value, error = (None if x is None else float(np.ravel(x)[0]) * scale.factor
+                    for x in (q.value, q.std_error))  # fmt: skip
+    return f'<br><span class="faint">{escape(f"{show(value, error)} {scale.unit}")}</span>'
 
 
 def _list_table(q: Derived) -> str:
@@ -204,17 +256,21 @@ def _cell(value: Any) -> str:
 
 def _logs(document: ParameterDocument) -> str:
     kinds = (("fitted", document.fit.logs), ("judged", document.validation))
+    sizes = [e.rmse.value for _, entries in kinds for e in entries if e.rmse]
+    scale = choose_scale(document.fit.rmse.unit, max(sizes, default=0.0))
     rows = [
         [escape(e.file), kind, "" if e.samples is None else count(e.samples),
-         escape(_rmse(e.rmse)) if e.rmse else "", escape(percent(e.fit_percent))]
+         escape(f"{short(e.rmse.value * scale.factor, 3)} {scale.unit}") if e.rmse else "",
+         escape(percent(e.fit_percent))]
         for kind, entries in kinds for e in entries
     ]  # fmt: skip
     if not rows:
         return ""
-    shown = table(("log or run", "use", "samples", "rmse", "fit"), rows, numeric=(2, 3, 4))
+    title, heads = "Agreement with each log", ("log or run", "use", "samples", "rmse", "fit")
+    shown = table(title, heads, rows, numeric=(2, 3, 4))
     if len(rows) > 12:
         shown = f"<details><summary>{len(rows)} runs</summary>{shown}</details>"
-    return f"<h2>Agreement with each log</h2>{shown}{_whiteness(document)}"
+    return f"<h2>{title}</h2>{shown}{_whiteness(document)}"
 
 
 def _whiteness(document: ParameterDocument) -> str:
@@ -233,10 +289,11 @@ def _whiteness(document: ParameterDocument) -> str:
 
 
 def _validity(document: ParameterDocument) -> str:
-    rows = [
-        [code(role), short(r.low, 5), short(r.high, 5), escape(pretty_unit(r.unit))]
-        for role, r in document.validity.items()
-    ]
+    rows = []
+    for role, r in document.validity.items():
+        scale = choose_scale(r.unit, max(abs(r.low), abs(r.high)))
+        low, high = (short(end * scale.factor, 5) for end in (r.low, r.high))
+        rows.append([code(role), low, high, escape(scale.unit)])
     title = "Range of the data: outside it the model extrapolates"
     return section(title, ("role", "low", "high", "unit"), rows, numeric=(1, 2))
 
@@ -245,18 +302,20 @@ def _correlation(document: ParameterDocument) -> str:
     if document.covariance is None:
         return ""
     order, matrix = document.covariance.order, document.covariance.matrix
-    head = "<h2>Correlation of the estimates</h2>"
+    title = "Correlation of the estimates"
     if len(order) > _MOST_CORRELATED:
-        return f'{head}<p class="faint">{len(order)} numbers; the covariance is in the file.</p>'
+        return (
+            f'<h2>{title}</h2><p class="faint">{len(order)} numbers; the covariance is in the '
+            "file.</p>"
+        )
     spread = [matrix[k][k] ** 0.5 for k in range(len(order))]
-    top = "".join(f"<th>{escape(n)}</th>" for n in order)
+    top = "".join(f'<th scope="col"><span>{escape(n)}</span></th>' for n in order)
     body = ""
     for name, row, own in zip(order, matrix, spread):
         cells = "".join(_heat(value, own * other) for value, other in zip(row, spread))
-        body += f'<tr><th class="row">{escape(name)}</th>{cells}</tr>'
-    return (
-        f'{head}<div class="scroll"><table class="heat"><tr><th></th>{top}</tr>{body}</table></div>'
-    )
+        body += f'<tr><th scope="row">{escape(name)}</th>{cells}</tr>'
+    shown = f"<table><thead><tr><td></td>{top}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<h2>{title}</h2>{scrolling(title, shown, 'heat')}"
 
 
 def _heat(covariance: float, scale: float) -> str:
@@ -264,22 +323,19 @@ def _heat(covariance: float, scale: float) -> str:
     if scale <= 0.0:
         return "<td>–</td>"
     rho = min(max(covariance / scale, -1.0), 1.0)
-    end = (230, 159, 0) if rho > 0.0 else (86, 180, 233)
-    red, green, blue = (round(255 + (c - 255) * abs(rho)) for c in end)
     text = f"{rho:+.2f}".replace("-", "−")
-    return f'<td style="background:rgb({red},{green},{blue})">{text}</td>'
+    sign = "pos" if rho > 0.0 else "neg"
+    return f'<td class="{sign}" style="--rho:{100.0 * abs(rho):.0f}%">{text}</td>'
 
 
 def _model(document: ParameterDocument) -> str:
-    family = get_family(document.family)
-    equation = family.variant(document.variant).equation or family.equation
-    equation = f"<h2>Model</h2><p>{code(equation)}</p>"
+    """What a controller runs, as it stands in the file, without the file's first comment."""
     if not document.model:
-        return equation
-    # as it stands in the file, without the file's first comment
+        return ""
     lines = dump_yaml(document.to_dict()["model"]).splitlines()
     shown = "\n".join(line for line in lines if not line.startswith("#"))
-    return f"{equation}<pre>{escape(shown)}</pre>"
+    title = "Model in the file: what a controller runs"
+    return folded(title, f'<pre tabindex="0" aria-label="{title}">{escape(shown)}</pre>')
 
 
 def _provenance(document: ParameterDocument) -> str:
@@ -289,7 +345,7 @@ def _provenance(document: ParameterDocument) -> str:
         ["on", escape(p.created)],
     ]
     if p.command is not None:
-        rows.append(["command", code(p.command)])
+        rows.append(["command", f'<span class="command">{code(p.command)}</span>'])
     if p.seed is not None:
         rows.append(["seed", str(p.seed)])
     for log in p.logs:
@@ -299,6 +355,6 @@ def _provenance(document: ParameterDocument) -> str:
         )
         rows.append(
             ["log", f"{escape(log.file)} · {count(log.rows)} rows · {escape(columns)}<br>"
-             f'<span class="faint"><code>sha256 {log.sha256}</code></span>']
+             f'<span class="faint command"><code>sha256 {log.sha256}</code></span>']
         )  # fmt: skip
-    return section("Provenance", ("", ""), rows)
+    return folded("Provenance", table("Provenance", ("", ""), rows))

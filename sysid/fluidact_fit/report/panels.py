@@ -12,7 +12,7 @@ from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
 from ..outcome import Simulation
 from . import style
-from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
+from .numbers import Scale, choose_scale, count, plain, pretty_unit, show, spoken
 from .runs import envelope, instants, subset
 
 if TYPE_CHECKING:
@@ -104,11 +104,19 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     """Autocorrelation of the residuals with the band of white noise."""
     finite = [r[np.isfinite(r)] for r in residuals]
     lags, rho = correlation(finite)
-    style.band(axes, 1.96 / max(sum(r.size for r in finite), 1) ** 0.5, 0.35)
+    half = 1.96 / max(sum(r.size for r in finite), 1) ** 0.5
+    style.band(axes, half, 0.35)
     axes.vlines(lags, 0.0, rho, color=style.RESIDUAL, linewidth=1.6)
-    axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
+    low, high = min(float(rho.min(initial=0.0)), -half), max(float(rho.max(initial=0.0)), half)
+    room = 0.35 * (high - low)  # the words above the stems
+    axes.set_ylim(low - 0.2 * room, high + room)
+    axes.set_yticks([k for k in axes.get_yticks() if low - 0.2 * room <= k <= min(high + room, 1)])
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
-    axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
+    axes.set(xlabel="lag [samples]", ylabel="autocorrelation")
+    axes.yaxis.label.set_visible(False)
+    if whiteness:
+        axes.text(1.0, 0.96, whiteness, transform=axes.transAxes, ha="right", va="top",
+                  fontsize=style.SMALL, color=style.FAINT)  # fmt: skip
     style.dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
 
 
@@ -151,7 +159,7 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
         axes.plot(view.points.x * x.factor, view.points.y * y.factor, color=style.POINTS,
                   linewidth=0.8, linestyle=":", marker="s", markersize=4.5, zorder=5,
                   markerfacecolor="white", label=plain(view.points.label, 30))  # fmt: skip
-    axes.set_ylabel(y.label(view.y_name))
+    axes.set_ylabel(y.label(spoken(view.y_name)))
     axes.set_xlim(*(x.factor * end for end in window(view)))
     notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
     left = view.used.size - size
@@ -184,7 +192,7 @@ def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: f
         inside = np.abs(rest[view.used]).max(initial=0.0)
         axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
     axes.set_ylabel(y.label("residual"))
-    axes.set_xlabel(x.label(view.x_name))
+    axes.set_xlabel(x.label(spoken(view.x_name)))
     style.dress(axes)
 
 
@@ -220,7 +228,7 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
         axes.plot(x, normal, color=style.INK, linewidth=1.0)
     axes.set_yticks([])
     axes.set_xlabel(y.label("residual"))
-    style.dress(axes, "Residuals, and the normal curve of the same width")
+    style.dress(axes, "Residuals and the normal distribution with the same SD")
 
 
 def table_panel(
@@ -241,7 +249,7 @@ def table_panel(
         title = name in ("Parameters", "Derived")
         weight = "bold" if title else "normal"
         size = style.NORMAL if title else style.SMALL + 0.3
-        axes.text(0.0, y, plain(name, 26), fontsize=size, weight=weight, color=style.INK,
+        axes.text(0.0, y, plain(spoken(name), 26), fontsize=size, weight=weight, color=style.INK,
                   va="center", parse_math=False)  # fmt: skip
         tail = f"{value}   {status}" if status else value
         axes.text(1.0, y, tail, fontsize=style.SMALL if title else size, ha="right", va="center",

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..experiment import FloatArray
 from ..family import Variant
 from ..outcome import Simulation
+from ..rows import blocks
 
 _MOST_COLUMNS = 3
 _MOST_OVERLAID = 60
@@ -51,6 +52,16 @@ def choose(runs: Sequence[Simulation]) -> Choice:
     picked = [order[0], order[len(order) // 2], order[-1]]
     note = f"3 of {len(runs)} runs: the best, the middle and the worst fit"
     return Choice([runs[k] for k in picked], False, note)
+
+
+def worst_residual(run: Simulation) -> tuple[float, int]:
+    """Largest magnitude of a run's residual [SI], and its sample; block by block."""
+    size, where = 0.0, 0
+    for at in blocks(run.measured.size):
+        part = np.nan_to_num(np.abs(run.residual[at]))
+        if part.size and part.max() > size:
+            size, where = float(part.max()), at.start + int(part.argmax())
+    return size, where
 
 
 def envelope(x: FloatArray, y: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from .headers import (
 from .reading import (
     after_number,
     as_share,
+    as_time,
     is_known_unit,
     is_share,
     is_unit,
@@ -23,6 +24,7 @@ __all__ = [
     "SUFFIXES",
     "after_number",
     "as_share",
+    "as_time",
     "base_units",
     "conversion_factor",
     "dimension_name",

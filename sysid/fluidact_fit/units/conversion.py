@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ..errors import UnitError
 from .reading import (
@@ -59,7 +59,9 @@ def dimension_name(unit: str) -> str:
     return found.what if found.what in (*QUANTITIES, SCALE, STANDARD) else "another quantity"
 
 
-def conversion_factor(unit: str, si_unit: str, where: str = "", role: str = "ROLE") -> float:
+def conversion_factor(
+    unit: str, si_unit: str, where: str = "", role: str = "ROLE", others: Sequence[str] = ()
+) -> float:
     """Return the factor that turns a value in ``unit`` into ``si_unit``.
 
     A target of ``"1"`` stands for raw readings: it takes any unit as it is (a
@@ -74,6 +76,8 @@ def conversion_factor(unit: str, si_unit: str, where: str = "", role: str = "ROL
         The unit wanted, for example ``"m"``.
     where, role
         File and column, and what the option calls it, for the message.
+    others
+        SI units of other quantities that would do as well, for the message.
 
     Returns
     -------
@@ -104,17 +108,26 @@ def conversion_factor(unit: str, si_unit: str, where: str = "", role: str = "ROL
             remedy=f"Name the unit with --unit {role}=UNIT, for example '{si_unit}'.",
         )
     if found.what != wanted.what:
-        raise _wrong_quantity(unit, si_unit, where, role)
+        raise _wrong_quantity(unit, si_unit, where, role, others)
     return found.factor / wanted.factor
+
+
+def _quantity(si_unit: str) -> str:
+    return f"{dimension_name(si_unit)} such as '{si_unit}'"
 
 
 def _shown(unit: str) -> str:
     return f"'{unit}'" if len(unit) <= LONGEST else f"'{unit[: LONGEST - 3]}...'"
 
 
-def _wrong_quantity(unit: str, si_unit: str, where: str, role: str) -> UnitError:
+def _wrong_quantity(
+    unit: str, si_unit: str, where: str, role: str, others: Sequence[str]
+) -> UnitError:
     """The error for a unit that measures something else than the role does."""
-    expected = f"Expected {dimension_name(si_unit)} such as '{si_unit}'."
+    expected = f"Expected {_quantity(si_unit)}."
+    if known := [_quantity(u) for u in others if u != "1"]:
+        *most, last = (_quantity(si_unit), *known)
+        expected = f"Expected {', '.join(most)} or {last}."
     if normalise_unit(unit) == "%":
         return UnitError(
             f"unit '{unit}' is a plain number.",

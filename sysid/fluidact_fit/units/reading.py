@@ -205,6 +205,15 @@ def after_number(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
+def as_time(seconds: float) -> str:
+    """A time in the unit in which it is easily read: ``14.6 s``, ``20 ms``, ``50 us``."""
+    size = abs(seconds) or 1.0
+    factor, unit = next(((f, u) for f, u in ((1.0, "s"), (1e3, "ms")) if size * f >= 1.0),
+                        (1e6, "us"))  # fmt: skip
+    digits = 3 if size < 1e3 else len(str(int(size)))
+    return f"{seconds * factor:.{digits}g} {unit}"
+
+
 def as_share(change: float, value: float) -> str:
     """A change in percent of a value, as it follows the change in a text; nothing of zero."""
     return f" ({100.0 * change / abs(value):+.1f} %)" if value else ""

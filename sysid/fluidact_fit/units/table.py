@@ -75,6 +75,8 @@ _SPELLINGS = {
         "-",
         "count",
         "counts",
+        "bit",
+        "bits",
         "cnt",
         "cnts",
         "cts",

@@ -51,7 +51,8 @@ def _add_linear(model: Model, block: LinearBlock, name: str) -> None:
     place, flag = model.output(Result(out.role, out.unit, "output of the model"), _flag(argument))
     rest = out if law.gain is None else Port(argument.name, argument.unit)
     about = f"{rest.role} at rest before the start"
-    start = model.parameter(Setting(f"initial_{rest.role}", rest.unit, about, 0.0))
+    usual = 0.0 if law.gain is None else law.rest
+    start = model.parameter(Setting(f"initial_{rest.role}", rest.unit, about, usual))
     model.constants += [
         f"#define LINEAR_ORDER {law.b.size}",
         table("linear_a", law.a.tolist()),
@@ -66,7 +67,7 @@ def _add_linear(model: Model, block: LinearBlock, name: str) -> None:
         ]
     model.headers.append("linear.h")
     model.memory.append("linear_memory plant;")
-    at_rest = "0.0" if law.gain is None else start
+    at_rest = number(law.rest) if law.gain is None else start
     acting, level = _before_linear(model, law, name, drive, at_rest)
     if law.gain is None:
         model.begin.append(f"linear_begin(&memory->plant, {level}, {start});")

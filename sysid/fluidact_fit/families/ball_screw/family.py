@@ -36,11 +36,13 @@ from ...family import (
     Information,
     ParameterDocument,
     ParameterSpec,
+    PhysicsView,
     Plant,
     Request,
     Role,
     Simulated,
     Solution,
+    Structure,
     UnmodelledEffect,
     Variant,
 )
@@ -60,6 +62,7 @@ from .model import (
 )
 from .start import follow
 from .stribeck import fall_of
+from .view import friction_view
 
 
 def _variant(
@@ -120,6 +123,12 @@ class BallScrew(Family[BallScrewOptions]):
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
+    structures = (
+        Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
+        Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
+        Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
+        Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
+    )
     examined = 40_000
 
     def estimate(
@@ -154,6 +163,15 @@ class BallScrew(Family[BallScrewOptions]):
         motion, samples = model.motion(0, v)
         speed = motion.velocity[samples]
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
+
+    def physics_view(
+        self,
+        plant: Plant[BallScrewOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView:
+        """Friction over speed, kinetic law and static levels; see :func:`friction_view`."""
+        return friction_view(plant, experiments, simulated)
 
     def model(
         self, plant: Plant[BallScrewOptions], sample_time: float, hold: Hold

@@ -51,6 +51,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     Variant,
     make_solution,
 )
@@ -177,6 +178,12 @@ class CylinderFriction(Family[FrictionOptions]):
         for motion in (axis.speed, axis.place)
     )
     options_type = FrictionOptions
+    structures = (
+        Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
+        Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
+        Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
+        Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
+    )
     steady_offset = True
 
     def estimate(

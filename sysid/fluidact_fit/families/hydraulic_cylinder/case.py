@@ -17,6 +17,7 @@ from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows, window_length
 
 _PRESSURES = "pressure_1", "pressure_2"
+_CROSSED = 4.0  # times the force that swapped pressures leave, at which they are swapped
 _ABOVE_SUPPLY = 10.0  # times the supply pressure, more than any rod side is raised to
 
 
@@ -168,6 +169,7 @@ def make_case(
     chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
     machine = read_machine(request.options, chambers)
     _check_supply(machine, experiments)
+    _check_chambers(machine, experiments)
     check_volumes(machine, experiments)
     window = request.options.window or window_length(experiments)
     return Case(variant, experiments, request, machine, chambers, window)
@@ -183,6 +185,27 @@ def _check_supply(machine: Machine, experiments: Sequence[Experiment]) -> None:
             f"{role} reaches",
             expected="Expected a pressure in Pa: 50 bar are 5e6 Pa.",
             remedy="Check --supply-pressure and the units of the pressures and of the areas.",
+        )
+
+
+def _check_chambers(machine: Machine, experiments: Sequence[Experiment]) -> None:
+    """Refuse pressures that balance the piston only with the areas of the other chamber.
+
+    ``p_1 A_1 - p_2 A_2`` moves the mass against friction: a small part of either force.
+    """
+    both = [e for e in experiments if all(r in e for r in _PRESSURES)]
+    if not both or machine.area_1 is None or machine.area_2 is None:
+        return
+    p1, p2 = (np.concatenate([e.sampled(r) for e in both]) for r in _PRESSURES)
+    net, crossed = (
+        float(np.linalg.norm(a * p1 - b * p2))
+        for a, b in ((machine.area_1, machine.area_2), (machine.area_2, machine.area_1))
+    )
+    if net > _CROSSED * crossed:
+        raise LogError(
+            "'pressure_1' and 'pressure_2' do not balance the piston, and would the other way "
+            "round: the two columns seem to be swapped",
+            remedy="Check --column pressure_1=... and --column pressure_2=...",
         )
 
 

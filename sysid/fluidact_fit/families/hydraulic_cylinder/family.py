@@ -28,6 +28,7 @@ from ...family import (
     NoiseModel,
     ParameterDocument,
     ParameterSpec,
+    PhysicsView,
     Plant,
     Quantity,
     Request,
@@ -35,6 +36,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     UnmodelledEffect,
     Variant,
     make_solution,
@@ -45,7 +47,7 @@ from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
 from .gray_fit import fit_gray
 from .nearby import fall_slopes
-from .networks import LAYERS, NETWORKS, fit_networks, flow_view
+from .networks import LAYERS, NETWORKS, fit_networks, flow_curve, flow_view
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
 from .simulation import simulate_runs
@@ -141,6 +143,14 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
     options_type = HydraulicCylinderOptions
+    structures = (
+        Structure(
+            "no dead zone", {"stribeck": "none"},
+            {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+        ),
+        Structure("dead zone", {"stribeck": "none"}),
+        Structure("dead zone, Stribeck", {"stribeck": "estimate"}),
+    )  # fmt: skip
     examined = 30_000
 
     def estimate(
@@ -180,6 +190,19 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
             return None
         case = make_case(plant.variant, experiments, Request(plant.options))
         return flow_view(case, plant.values)
+
+    def physics_view(
+        self,
+        plant: Plant[HydraulicCylinderOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView | None:
+        """The flow of a chamber over the command, where the equations give it."""
+        if plant.options.flow == "mlp":
+            return None
+        return flow_curve(
+            make_case(plant.variant, experiments, Request(plant.options)), plant.numbers
+        )
 
     def unmodelled_effects(
         self, plant: Plant[HydraulicCylinderOptions]

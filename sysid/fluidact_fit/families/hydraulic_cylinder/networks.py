@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import LogError
 from ...estimation.named_model import Values
 from ...experiment import BoolArray, FloatArray
-from ...family import Curve, Quantity, StaticView, Value, scalars
+from ...family import Curve, PhysicsView, Quantity, StaticView, Value, scalars
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import EDGES, chamber_flow
 from .case import Case
@@ -229,3 +229,34 @@ def _running_mean(command: FloatArray, seen: FloatArray, flow: FloatArray) -> Fl
     near = max(seen.size // 50, 1)
     closest = np.argpartition(np.abs(command[:, None] - seen), near - 1, axis=1)[:, :near]
     return np.asarray(flow[closest].mean(axis=1))
+
+
+def flow_curve(case: Case, values: Values) -> PhysicsView | None:
+    """Flow of a chamber over the command by the equations, and what was measured beside it.
+
+    The curve is at the median pressure of either direction. A point is the curve plus what the
+    flow of a window exceeds that of the equations at its own pressure by. ``None`` where no window
+    has a steady command.
+    """
+    if not case.chambers:
+        return None
+    chamber = case.chambers[0]
+    windows = [w for w in _quiet_windows(case) if w.chamber == chamber]
+    if not sum(w.motion.size for w in windows):
+        return None
+    inputs, flow = _flow_rows(windows, values)
+    seen, pressure = inputs.T
+    out = seen >= 0.0
+    middle = [float(np.median(pressure[way])) if way.any() else 0.0 for way in (out, ~out)]
+
+    def at_middle(command: FloatArray) -> FloatArray:
+        level = np.where(command >= 0.0, *middle)
+        return np.asarray(chamber_flow(chamber, command, level, values, case.machine))
+
+    beyond = flow - chamber_flow(chamber, seen, pressure, values, case.machine)
+    command = np.linspace(seen.min(), seen.max(), 400)
+    return PhysicsView(
+        f"Flow of chamber {chamber} over command", "command", "V", "flow", "m3/s",
+        Curve("measured", seen, at_middle(seen) + beyond),
+        [Curve("valve and line", command, at_middle(command))],
+    )  # fmt: skip

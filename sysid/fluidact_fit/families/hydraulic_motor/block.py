@@ -10,22 +10,30 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import LinearBlock, LinearModel
+from ...block import Block, LinearBlock, LinearModel
 from ...estimation.sampled import Sampled, difference_equation, sample
 from ...experiment import Experiment, FloatArray
 from ...routines import Routine
-from .equation import MotorModel, static_speed
+from ...specification import quotient_unit
+from .equation import MotorModel, edges, lag, play, static_speed
 
 
-class MotorBlock(LinearBlock):
-    """Steady speed of the motor for a command, the command for a speed, and the motion itself.
+class MotorCurve(Block):
+    """Steady speed of the motor for a command, and the command for a speed."""
 
-    Called, it is the static curve; :meth:`step` puts the play before the curve and the dead time
-    and the lag behind it, exactly for a command that is held between samples.
-    """
+    @property
+    def centre(self) -> float:
+        """Command at which the motor stands still [unit of the command]."""
+        return self.numbers().get("command_offset", 0.0)
 
-    def _begin(self) -> None:
-        self.reset()
+    @property
+    def speed_unit(self) -> str:
+        """Unit of the speed, that of the output or of its rate."""
+        return self.output.unit if self._gives_speed else quotient_unit(self.output.unit, "s")
+
+    @property
+    def _gives_speed(self) -> bool:
+        return self.output.role == "speed"
 
     def __call__(self, command: npt.ArrayLike, direction: int = 0) -> FloatArray:
         """Steady speed without the :attr:`offset` of the sensor, vectorised.
@@ -56,23 +64,52 @@ class MotorBlock(LinearBlock):
         n, v = np.asarray(speed, dtype=float), self.numbers()
         k = v["curvature"] + 1e-12
         share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - 1e-12)
-        size = v["dead_zone"] - np.log1p(-share) / k
+        low, high = edges(v)
+        size = np.where(n > 0.0, high, -low) - np.log1p(-share) / k
         size = np.minimum(size, v.get("saturation_command", np.inf))
         shift = 0.5 * np.sign(direction) * v["hysteresis"]
-        return np.asarray(np.where(n == 0.0, 0.0, np.sign(n) * size + shift))
+        moved = np.sign(n) * size + shift
+        return np.asarray(self.centre + np.where(n == 0.0, 0.0, moved))
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """Steady speed and its inverse; see :meth:`.Block.methods`."""
+        return {"speed": self, "command_for": self.inverse}
+
+    def routines(self) -> Sequence[Routine]:
+        """Steady speed for a known direction, and its inverse."""
+        from .routines import curve_routines
+
+        command = self.argument("command", "command of the valve")
+        return curve_routines(self.numbers(), command, self.speed_unit)
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Steady speeds of settled points in their order; see :meth:`.Block.predict`."""
+        v = self.numbers()
+        return static_speed(play(experiment.sampled("command"), v["hysteresis"])[0], v)
+
+
+class MotorBlock(MotorCurve, LinearBlock):
+    """The same with the motion, one step per sample.
+
+    :meth:`step` puts the play before the curve and the dead time and the lag behind it, exactly
+    for a command that is held between samples. Fitted to an angle or a position it gives that.
+    """
+
+    def _begin(self) -> None:
+        self._rest: tuple[float | None, float | None] = None, None
+        self._state: FloatArray | None = None
 
     def linear_model(self) -> LinearModel:
         """Lag and dead time, behind the play and the static curve."""
         from .routines import curve_routine
 
-        v = self.numbers()
-        rate = np.array([1.0 / v["time_constant"]])
+        v, centre = self.numbers(), self.centre
         command = self.argument("command", "command of the valve")
         # a motor may rest without a command that the logs never had
-        command = replace(command, low=min(command.low, 0.0), high=max(command.high, 0.0))
+        command = replace(command, low=min(command.low, centre), high=max(command.high, centre))
         return LinearModel(
-            -rate[:, None], rate, np.ones(1), v.get("dead_time", 0.0), None, 1.0,
-            curve_routine(v, command, self.output.unit),
+            *lag(v, not self._gives_speed), v.get("dead_time", 0.0), None,
+            1.0 if self._gives_speed else None, curve_routine(v, command, self.speed_unit), centre,
         )  # fmt: skip
 
     def _sampled(self) -> Sampled:
@@ -81,53 +118,58 @@ class MotorBlock(LinearBlock):
         law = self.linear_model()
         return sample(law.a, law.b, law.c, law.dead_time, self.sample_time)
 
-    def reset(self, *, input: float = 0.0, output: float | None = None) -> None:
+    def reset(self, *, input: float | None = None, output: float | None = None) -> None:
         """Return to rest.
 
         Parameters
         ----------
         input
             Command that was applied until now, in the middle of the hysteresis [unit of the
-            command].
+            command]; :attr:`centre` when left out. A motor that it turns does so steadily.
         output
-            Speed to begin with [unit of the speed, offset included]; that which the command
-            gives in the long run when left out.
+            Output to begin with [its unit, offset included]; when left out that which the command
+            gives in the long run, 0 for an angle or a position.
         """
-        self._rest = float(input), output
-        self._speed: float | None = None  # nothing has been put in yet
+        self._rest = input, output
+        self._state = None  # nothing has been put in yet
 
-    def _start(self) -> float:
-        """Take up the rest that was asked for; returns the speed there, without the offset."""
-        self._spool, output = self._rest
+    def _start(self) -> FloatArray:
+        """Take up the rest that was asked for; returns the state there."""
+        command, output = self._rest
+        self._spool = self.centre if command is None else float(command)
         steady, self._lag = float(self(self._spool)), self._sampled()
         self._on_their_way = deque([steady] * (self._lag.whole + 1))
-        return steady if output is None else float(output) - self.offset
+        if self._gives_speed:
+            return np.array([steady if output is None else float(output) - self.offset])
+        return np.array([steady, 0.0 if output is None else float(output)])
+
+    @property
+    def _zero(self) -> float:
+        """Output at rest; where an angle begins belongs to the log."""
+        return self.offset if self._gives_speed else 0.0
 
     def _step(self, value: float) -> float:
         """Play and curve act on the command, then dead time and lag."""
-        now = self._start() if self._speed is None else self._speed
-        half, lag = 0.5 * self.numbers()["hysteresis"], self._lag
+        now = self._start() if self._state is None else self._state
+        half, lagging = 0.5 * self.numbers()["hysteresis"], self._lag
         self._spool = min(max(self._spool, value - half), value + half)
         self._on_their_way.append(float(self(self._spool)))
         before, newest = self._on_their_way.popleft(), self._on_their_way[0]
-        pushed = lag.old[0] * before + lag.new[0] * newest
-        self._speed = float(lag.phi[0, 0]) * now + float(pushed)
-        return now + self.offset
-
-    def methods(self) -> Mapping[str, Callable[..., Any]]:
-        """Steady speed and its inverse; see :meth:`.Block.methods`."""
-        return {"speed": self, "command_for": self.inverse}
+        self._state = lagging.phi @ now + lagging.old * before + lagging.new * newest
+        return float(lagging.output @ now) + self._zero
 
     def routines(self) -> Sequence[Routine]:
         """One step of the motion; steady speed for a known direction, and its inverse."""
-        from .routines import routines_of
+        from .routines import step_routine
 
-        command, lag = self.argument("command", "command of the valve"), self._sampled()
-        return routines_of(
-            self.numbers(), command, self.output.unit, difference_equation(lag), self.offset,
-            self.sample_time,
+        command = self.argument("command", "command of the valve")
+        step = step_routine(
+            self.numbers(), command, (self.output.role, self.output.unit),
+            difference_equation(self._sampled()), self._zero, self.sample_time,
         )  # fmt: skip
+        return step, *super().routines()
 
     def predict(self, experiment: Experiment) -> FloatArray:
-        """Speed from the command, from rest and with the offset; see :meth:`.Block.predict`."""
-        return np.asarray(MotorModel([experiment]).speed(0, self.numbers()) + self.offset)
+        """Output from the command, from rest and with the offset; see :meth:`.Block.predict`."""
+        model = MotorModel([experiment], output=self.output.role)
+        return np.asarray(model.response(0, self.numbers()) + self.offset)

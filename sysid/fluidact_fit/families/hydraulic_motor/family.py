@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,23 +17,117 @@ from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, 
 from ...estimation.unmodelled_effects import output_offset, soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
+    Curve,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
+    PhysicsView,
     Plant,
     Request,
     Role,
     Simulated,
     Solution,
+    StaticView,
+    Structure,
     UnmodelledEffect,
     Variant,
+    make_solution,
 )
-from .block import MotorBlock
+from ...specification import quotient_unit
+from .block import MotorBlock, MotorCurve
 from .command import command_noise, held_levels
-from .equation import MotorModel, static_speed
-from .fit import SATURATION, MotorOptions, fit_motor, plan_motor, start_motor
+from .equation import MotorModel, edges, play, static_speed
+from .fit import (
+    EDGES,
+    OFFSET,
+    SATURATION,
+    MotorOptions,
+    edge_names,
+    fit_motor,
+    plan_motor,
+    start_motor,
+)
+from .static import fit_points, gather, law
 
+STATIC = "static"
+_COMMAND = Role(
+    "command", "A", "current or voltage of the valve, or width of a pulse", hold="zoh",
+    alternatives=("V", "s", "1"),
+)  # fmt: skip
+_SPEED = Role(
+    "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
+)
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
+_SETTLED = 0.005  # of the range of the speed, still to come
+
+
+def _edge(name: str, about: str, low: float, high: float, general: str = "") -> ParameterSpec:
+    return ParameterSpec(
+        name, "A", about, neutral=0.0, minimum=low, maximum=high, ratio=("command", "1"),
+        curved=True, optional=True, general=general,
+        remedy="Record several small commands, going up and coming down.",
+    )  # fmt: skip
+
+
+def _curve(rate: tuple[str, ...], unit: str) -> tuple[ParameterSpec, ...]:
+    """Parameters of the steady speed, ``rate`` being what its unit is the quotient of."""
+    beyond = "Record three commands or more between dead zone and saturation."
+    return (
+        _edge("dead_zone", "command at which the motor begins to turn", 0.0, np.inf),
+        _edge("dead_zone_negative", "command below which the motor turns backward", -np.inf, 0.0),
+        _edge("dead_zone_positive", "command above which the motor turns forward", 0.0, np.inf,
+              general="dead_zone"),
+        ParameterSpec(
+            "command_offset", "A", "command from which all others count: the motor stands still",
+            ratio=("command", "1"), optional=True,
+            remedy="Record commands on both sides of it, or give it: --fix command_offset=VALUE.",
+        ),
+        ParameterSpec(
+            "gain", f"{unit}/A", "slope of the speed just beyond the dead zone",
+            minimum=1e-30, ratio=(*rate, "command"), remedy=beyond,
+        ),
+        ParameterSpec(
+            "curvature", "1/A", "rate at which the slope falls off with the command",
+            neutral=0.0, minimum=0.0, ratio=("1", "command"), remedy=beyond,
+        ),
+        ParameterSpec(
+            "saturation_command", "A", "command from which the speed grows no more",
+            minimum=1e-30, ratio=("command", "1"), optional=True,
+            remedy="Record commands that rise until the speed grows no more.",
+        ),
+        ParameterSpec(
+            "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
+            minimum=0.0, ratio=("command", "1"),
+            remedy="Record the same commands going up and coming down.",
+        ),
+    )  # fmt: skip
+
+
+def _variant(name: str, output: Role) -> Variant:
+    """Roles and parameters of a motor whose speed, or its integral, was logged over time."""
+    integral = output.name != "speed"
+    rate = (output.name, "s") if integral else (output.name,)
+    return Variant(
+        name,
+        (
+            Role("time", "s", "time of each sample"),
+            _COMMAND,
+            output,
+        ),
+        (
+            *_curve(rate, f"{output.unit}/s" if integral else output.unit),
+            ParameterSpec(
+                "time_constant", "s", "time constant of the speed", minimum=1e-9,
+                remedy="Record steps of the command, sampled several times within the rise.",
+            ),
+            ParameterSpec(
+                "dead_time", "s", "time before the speed begins to change", neutral=0.0,
+                minimum=0.0, curved=True,
+                remedy="Record sharp steps of the command at a higher sampling rate.",
+            ),
+        ),
+    )  # fmt: skip
 
 
 class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
@@ -45,62 +140,41 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         "x = min(|w|, saturation_command) - dead_zone, w = play(command(t - dead_time), hysteresis)"
     )
     variants = (
+        _variant("hydraulic-motor", _SPEED),
+        _variant("angle", Role("angle", "rad", "angle of the motor", output=True,
+                 alternatives=("1",))),
+        _variant("position", Role("position", "m", "position of what the motor drives",
+                 output=True, alternatives=("V", "1"))),
         Variant(
-            "hydraulic-motor",
-            (
-                Role("time", "s", "time of each sample"),
-                Role("command", "A", "current or voltage of the valve", hold="zoh",
-                     alternatives=("V", "1")),
-                Role("speed", "rad/s", "speed of the motor", output=True,
-                     alternatives=("V", "m/s", "m3/s", "1")),
-            ),
-            (
-                ParameterSpec(
-                    "dead_zone", "A", "command at which the motor begins to turn", neutral=0.0,
-                    minimum=0.0, ratio=("command", "1"), curved=True,
-                    remedy="Record several small commands, going up and coming down.",
-                ),
-                ParameterSpec(
-                    "gain", "rad/s/A", "slope of the speed just beyond the dead zone",
-                    minimum=1e-30, ratio=("speed", "command"),
-                    remedy="Record three commands or more between dead zone and saturation.",
-                ),
-                ParameterSpec(
-                    "curvature", "1/A", "rate at which the slope falls off with the command",
-                    neutral=0.0, minimum=0.0, ratio=("1", "command"),
-                    remedy="Record three commands or more between dead zone and saturation.",
-                ),
-                ParameterSpec(
-                    "saturation_command", "A", "command from which the speed grows no more",
-                    minimum=1e-30, ratio=("command", "1"), optional=True,
-                    remedy="Record commands that rise until the speed grows no more.",
-                ),
-                ParameterSpec(
-                    "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
-                    minimum=0.0, ratio=("command", "1"),
-                    remedy="Record the same commands going up and coming down.",
-                ),
-                ParameterSpec(
-                    "time_constant", "s", "time constant of the speed", minimum=1e-9,
-                    remedy="Record steps of the command, sampled several times within the rise.",
-                ),
-                ParameterSpec(
-                    "dead_time", "s", "time before the speed begins to change", neutral=0.0,
-                    minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the command at a higher sampling rate.",
-                ),
-            ),
+            STATIC,
+            (Role("time", "s", "time of each point", required=False), _COMMAND, _SPEED),
+            _curve(("speed",), "rad/s"),
+            equation="speed = sgn(w) gain / curvature (1 - exp(-curvature x)), "
+            "x = min(|w|, saturation_command) - dead_zone, w = play(command, hysteresis)",
         ),
     )  # fmt: skip
     options_type = MotorOptions
+    structures = (
+        Structure("no hysteresis, no dead time", {"dead-time": "none"}, {"hysteresis": 0.0}),
+        Structure("hysteresis", {"dead-time": "none"}),
+        Structure("dead time", {"dead-time": "estimate"}, {"hysteresis": 0.0}),
+        Structure("hysteresis, dead time", {"dead-time": "estimate"}),
+    )
     gain, robust, common_offset = "gain", True, False
     steady_offset = True
+
+    def variants_for(self, options: MotorOptions) -> tuple[Variant, ...]:
+        """Settled points, or samples in time of the speed or its integral."""
+        return tuple(v for v in self.variants if (v.name == STATIC) == (options.mode == "static"))
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
     ) -> Solution[MotorOptions]:
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
+        _check_dead_zone(request)
+        if variant.name == STATIC:
+            return self._estimate_points(variant, experiments, request)
         _check_dead_time(experiments, request)
         notices: list[Notice] = []
         noise = request.options.command_noise or command_noise(experiments)
@@ -109,31 +183,50 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         found, bend = fit_motor(
             ResponseFit.of(self, variant, logs, request),
             ResponseFit.of(
-                self, variant, logs, request, plan_motor(logs, request.options, saturated=False)
+                self, variant, logs, request, plan_motor(logs, request, saturated=False)
             ),
         )
         fitted = found.fitted
         if noise and levels is None:
             notices += _warn_of_noise(fitted, noise)
         if SATURATION not in fitted.values:
-            notices.append(_remark_on_saturation(fitted, bend))
+            notices.append(_remark_on_saturation(fitted.values, bend))
         settled = replace(found.settled(request.options), command_noise=noise if levels else None)
-        unit = experiments[0].units["speed"]
+        unit = experiments[0].units[variant.output.name]
+        if variant.output.name != "speed":
+            unit = quotient_unit(unit, "s")
         return found.solution(
             self.simulate, experiments, variant, settled,
-            fitted.derive({"saturation_speed": unit}, _saturation_speed), notices,
+            fitted.derive(defaultdict(lambda: unit), _saturation_speeds), notices,
+        )  # fmt: skip
+
+    def _estimate_points(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
+    ) -> Solution[MotorOptions]:
+        found = fit_points(variant, experiments, request)
+        units, solved = experiments[0].units, found.solved
+        parameters, order, matrix = solved.quantities(variant.parameters, units)
+        notices = list(found.notices)
+        if SATURATION not in solved.values:
+            notices.append(_remark_on_saturation({}, {}))
+        return make_solution(
+            self.simulate, experiments, variant, request.options, parameters, order,
+            NoiseModel(matrix, solved.independent),
+            jacobians=[{"speed": j} for j in found.data.by_log(found.jacobian)],
+            derived=solved.derive(defaultdict(lambda: units["speed"]), _saturation_speeds),
+            notices=notices, details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
         )  # fmt: skip
 
     def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
         """Everything; see :func:`.fit.fit_motor` for what comes of the saturation."""
-        return plan_motor(experiments, request.options, saturated=True)
+        return plan_motor(experiments, request, saturated=True)
 
     def response(
         self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
         names: tuple[str, ...],
     ) -> NamedModel:  # fmt: skip
         """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
-        return MotorModel(experiments, begin).named(names)
+        return MotorModel(experiments, begin, variant.output.name).named(names)
 
     def fastest(self, values: Values) -> float:
         """The only pole [rad/s]."""
@@ -152,47 +245,118 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
+        if plant.variant.name == STATIC:
+            data = gather(experiments)
+            return [Simulated(y) for y in data.by_log(np.real(law(plant.numbers, data.x)))]
         options, noise = plant.options, plant.options.command_noise
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
-        out = []
+        out, output = [], plant.variant.output.name
         for e in experiments:
-            model = MotorModel([e], options.beginning)
-            if "speed" not in e:
+            model = MotorModel([e], options.beginning, output)
+            if output not in e:
                 start = offset or 0.0
-                out.append(Simulated(model.speed(0, plant.numbers) + start, offset=start))
+                out.append(Simulated(model.response(0, plant.numbers) + start, offset=start))
                 continue
             basis = model.columns(0, plant.numbers)
             known = plant.numbers["gain"] * np.asarray(basis.shared[:, 0])
             local = fit_robustly(basis.local, model.measured[0] - known, options.residual_limit)
-            output = np.full(e.samples, np.nan)
-            output[model.runs[0].unseen :] = known + basis.local @ local
+            simulated = np.full(e.samples, np.nan)
+            simulated[model.runs[0].unseen :] = known + basis.local @ local
             level = None if options.offset == "none" else float(local[0])
-            out.append(Simulated(output, offset=level))
+            out.append(Simulated(simulated, offset=level))
         return out
 
     def unmodelled_effects(self, plant: Plant[MotorOptions]) -> Sequence[UnmodelledEffect]:
         """Soft edges, and an offset left out on request; see :meth:`Family.unmodelled_effects`."""
-        edge = plant.numbers["dead_zone"]
-        offset = [output_offset("speed")] if plant.options.offset == "none" else []
-        return [soft_edges(plant, "command", (-edge, edge)), *offset]
+        middle = plant.numbers.get(OFFSET, 0.0)
+        low, high = edges(plant.numbers)
+        output = plant.variant.output.name
+        offset = [output_offset(output)] if plant.options.offset == "none" else []
+        return [soft_edges(plant, "command", (middle + low, middle + high)), *offset]
+
+    def physics_view(
+        self,
+        plant: Plant[MotorOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView | None:
+        """Settled speed over command, and the loop of play and curve for a slow command.
+
+        Nothing where the speed was not recorded, or was steady anyway.
+        """
+        if plant.variant.output.name != "speed" or plant.variant.name == STATIC:
+            return None
+        v, commands, speeds = plant.numbers, [], []
+        for e, s in zip(experiments, simulated, strict=True):
+            late = e.time - v.get("dead_time", 0.0)
+            command, source = e.sampled("command"), np.searchsorted(e.time, late, "right") - 1
+            commands.append(np.where(source < 0, np.nan, command[np.maximum(source, 0)]))
+            rate = np.abs(np.gradient(s.output, e.time)) * v["time_constant"]
+            settled = rate <= _SETTLED * float(np.ptp(s.output[np.isfinite(s.output)]))
+            speeds.append(np.where(settled, e.sampled("speed") - (s.offset or 0.0), np.nan))
+        x = np.concatenate(commands)
+        up = np.linspace(np.nanmin(x), np.nanmax(x), 400)
+        spool = play(np.concatenate((up[::-1], up, up[::-1])), v.get("hysteresis", 0.0))[0]
+        rising, falling = np.split(static_speed(spool, v), 3)[1:]
+        units = experiments[0].units
+        return PhysicsView(
+            "Steady speed over command", "command", units["command"], "speed", units["speed"],
+            Curve("measured", x, np.concatenate(speeds)),
+            [Curve("command rising", up, rising), Curve("command falling", up[::-1], falling)],
+        )  # fmt: skip
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve, the lag behind it, and that lag for a speed held between samples."""
         v = plant.numbers
         lag = ("time_constant", "dead_time")
+        equation = _equation_of(plant.variant.equation or self.equation, v)
         section: dict[str, Any] = {
-            "static": {"equation": self.equation, **{n: v[n] for n in v if n not in lag}},
-            "lag": {n: v[n] for n in lag if n in v},
+            "static": {"equation": equation, **{n: v[n] for n in v if n not in lag}},
         }
+        if plant.variant.name == STATIC:
+            return section
+        section["lag"] = {n: v[n] for n in lag if n in v}
         if sample_time > 0.0:
+            integral = [0.0] if plant.variant.output.name != "speed" else []
             section["discrete"] = discretise(
-                [1.0], [v["time_constant"], 1.0], sample_time, v.get("dead_time", 0.0)
+                [1.0], [v["time_constant"], 1.0, *integral], sample_time, v.get("dead_time", 0.0)
             )
         return section
 
-    def block(self, variant: Variant, document: ParameterDocument) -> MotorBlock:
-        """The static curve and its inverse for a controller."""
-        return MotorBlock(document, variant)
+    def static_view(
+        self,
+        plant: Plant[MotorOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> StaticView | None:
+        """Speed over command going up and coming down, of settled points."""
+        if plant.variant.name != STATIC:
+            return None
+        u, units = np.concatenate([e.sampled("command") for e in experiments]), experiments[0].units
+        speed, v = np.concatenate([e["speed"] for e in experiments]), plant.numbers
+        line, half = np.linspace(u.min(), u.max(), 500), 0.5 * v["hysteresis"]
+        curves = [Curve(label, line, np.real(static_speed(line + shift, v)))
+                  for label, shift in (("rising", -half), ("falling", half))]  # fmt: skip
+        return StaticView(
+            "command", units["command"], "speed", units["speed"], u, speed,
+            np.concatenate([s.output for s in simulated]), np.isfinite(speed),
+            curves if half else curves[:1],
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> MotorCurve:
+        """The static curve and its inverse for a controller, and the motion where it is known."""
+        return (MotorCurve if variant.name == STATIC else MotorBlock)(document, variant)
+
+
+def _equation_of(equation: str, values: Mapping[str, float]) -> str:
+    """The equation with the dead zone and the offset that the values have."""
+    text = equation
+    if OFFSET in values:
+        text += f" - {OFFSET}"
+    if "dead_zone" not in values:
+        low, high = EDGES
+        text = text.replace("- dead_zone,", f"- ({high} if w > 0 else -{low}),")
+    return text
 
 
 def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOptions]) -> None:
@@ -207,7 +371,27 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
         )
 
 
-def _remark_on_saturation(fitted: Fitted, bend: Mapping[str, float]) -> Notice:
+def _check_dead_zone(request: Request[MotorOptions]) -> None:
+    """Refuse numbers of the dead zone that do not go together."""
+    options, given = request.options, {**request.fixed, **request.start, **request.bounds}
+    for name in ("dead_zone", *EDGES):
+        if name in given and name not in edge_names(options):
+            other = "symmetric" if name == "dead_zone" else "asymmetric"
+            raise UsageError(
+                f"{name} is no parameter with --dead-zone={options.dead_zone}",
+                remedy=f"Give --dead-zone={other}, or leave {name} out.",
+            )
+    free = options.command_offset == "estimate" and OFFSET not in request.fixed
+    if options.dead_zone == "asymmetric" and free:
+        raise UsageError(
+            "--command-offset=estimate and --dead-zone=asymmetric ask for the same: an offset "
+            "moves both edges",
+            remedy="Leave one of them out, or say from where the edges count: "
+            "--fix command_offset=VALUE.",
+        )
+
+
+def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]) -> Notice:
     """Say that there is no saturation in the file, and whether there could be one."""
     if not bend:
         return Notice(
@@ -216,8 +400,9 @@ def _remark_on_saturation(fitted: Fitted, bend: Mapping[str, float]) -> Notice:
             "saturation_command. Raise the command until the speed grows no more, if it is needed.",
         )
     moved = ", ".join(
-        f"{n} {bend[n]:.3g} instead of {fitted.values[n]:.3g}"
-        for n in ("gain", "curvature", "dead_zone")
+        f"{n} {bend[n]:.3g} instead of {values[n]:.3g}"
+        for n in ("gain", "curvature", "dead_zone", *EDGES)
+        if n in bend
     )
     return Notice(
         "saturation-undecided",
@@ -241,8 +426,12 @@ def _warn_of_noise(fitted: Fitted, noise: float) -> Iterator[Notice]:
         )
 
 
-def _saturation_speed(v: Values) -> Values:
-    """Speed at and beyond the saturation, where it was reached."""
+def _saturation_speeds(v: Values) -> Values:
+    """Speed at and beyond the saturation, where it was reached; of two edges for either side."""
     if SATURATION not in v:
         return {}
-    return {"saturation_speed": static_speed(np.array([np.inf]), v)[0]}
+    beyond = np.real(v.get(OFFSET, 0.0)) + 2.0 * np.real(v[SATURATION]) * np.array([-1.0, 1.0])
+    backward, forward = static_speed(beyond, v)
+    if "dead_zone" in v:
+        return {"saturation_speed": forward}
+    return {"saturation_speed_negative": backward, "saturation_speed_positive": forward}

@@ -15,14 +15,20 @@ from ...estimation.results import Refusal
 from ...estimation.separable import profile, solve
 from ...experiment import Experiment
 from ...options import choice, settled
+from ...specification import Request
 
-SATURATION = "saturation_command"
-_SIGNIFICANT = 12.0  # rise of the squared residuals, in variances, without a saturation
+SATURATION, OFFSET = "saturation_command", "command_offset"
+EDGES = ("dead_zone_negative", "dead_zone_positive")
+_TRIFLE = 0.02  # of the motion in one direction: less of the other may be the zero of a sensor
+SIGNIFICANT = 12.0  # rise of the squared residuals, in variances, without a saturation
 _POSSIBLE = 3.0  # the same, from which a saturation cannot be ruled out
 _MATTERS = 5.0  # that rise times the standard errors by which it would move a parameter
 _BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
-_SHARES = {  # of the highest command, of one over it for the curvature
+MIDDLES = (0.0, -0.15, 0.15, -0.3, 0.3, -0.5, 0.5)  # shares of it, about their middle
+SHARES = {  # of the highest command, of one over it for the curvature
     "dead_zone": (0.05, 0.3, 0.65),
+    "dead_zone_negative": (0.05, 0.3, 0.65),
+    "dead_zone_positive": (0.05, 0.3, 0.65),
     "saturation_command": (0.9, 0.7, 0.4),
     "curvature": (0.3, 3.0),
     "hysteresis": (0.03, 0.2),
@@ -33,6 +39,19 @@ _SHARES = {  # of the highest command, of one over it for the curvature
 class MotorOptions(ResponseOptions):
     """What is estimated beside the curve and the lag, and what the fit settles."""
 
+    mode: str = choice(
+        "dynamic", ("dynamic", "static"),
+        "whether the rows are samples in time or settled points, in the order recorded",
+    )  # fmt: skip
+    dead_zone: str = choice(
+        "symmetric", ("symmetric", "asymmetric"), "one dead zone, or an edge for each direction",
+        "dead_zone_positive",
+    )  # fmt: skip
+    command_offset: str = choice(
+        "none", ("none", "estimate"),
+        "whether to estimate the command at which the motor stands still (1500 us of a servo)",
+        "command_offset",
+    )  # fmt: skip
     dead_time: str = choice(
         "estimate", ("none", "estimate"), "whether to estimate a dead time", "dead_time"
     )
@@ -41,12 +60,89 @@ class MotorOptions(ResponseOptions):
     )
 
 
-def highest_command(experiments: Sequence[Experiment]) -> float:
-    """Largest size of the command in any log [unit of the command]."""
-    return max(float(np.abs(e.sampled("command")).max()) for e in experiments)
+def highest_command(experiments: Sequence[Experiment], offset: float = 0.0) -> float:
+    """Largest distance of the command from its offset in any log [unit of the command]."""
+    return max(float(np.abs(e.sampled("command") - offset).max()) for e in experiments)
 
 
-def plan_motor(experiments: Sequence[Experiment], options: MotorOptions, saturated: bool) -> Plan:
+def command_range(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Lowest and highest command of all logs [its unit]."""
+    commands = [e.sampled("command") for e in experiments]
+    return min(float(u.min()) for u in commands), max(float(u.max()) for u in commands)
+
+
+def middle_of_commands(experiments: Sequence[Experiment], request: Request[MotorOptions]) -> float:
+    """Offset of the command as far as it is known before a search [unit of the command]."""
+    known = {**request.start, **request.fixed}
+    if OFFSET in known or request.options.command_offset == "none":
+        return known.get(OFFSET, 0.0)
+    return 0.5 * sum(command_range(experiments))
+
+
+def edge_names(options: MotorOptions) -> tuple[str, ...]:
+    """Parameters that the dead zone has."""
+    return EDGES if options.dead_zone == "asymmetric" else ("dead_zone",)
+
+
+def require_motion(experiments: Sequence[Experiment]) -> None:
+    """Refuse logs in which nothing moves (``LogError``)."""
+    low, high = command_range(experiments)
+    output = next(role for role in experiments[0].signals if role != "command")
+    if low == high or not any(np.ptp(e[output]) for e in experiments):
+        raise LogError(
+            f"command or {output} does not change in any log",
+            remedy="Record a staircase of the command from zero to saturation and back.",
+        )
+
+
+def searched_curve(
+    experiments: Sequence[Experiment], request: Request[MotorOptions], saturated: bool
+) -> list[Searched]:
+    """Typical sizes and ranges of what the curve has, the saturation only where asked for."""
+    options, (low, high) = request.options, command_range(experiments)
+    top = highest_command(experiments, middle_of_commands(experiments, request))
+    zones = dict.fromkeys(edge_names(options), (0.0, 0.95 * top)) | {EDGES[0]: (-0.95 * top, 0.0)}
+    searched = [Searched(n, 0.1 * top, zones[n], sensible=0.3 * top) for n in edge_names(options)]
+    if options.command_offset == "estimate" or OFFSET in request.fixed:
+        searched.append(Searched(OFFSET, 0.1 * top, (low, high), sensible=0.3 * top))
+    searched.append(Searched("curvature", 1.0 / top, (0.0, 50.0 / top), sensible=3.0 / top))
+    if saturated:
+        searched.append(Searched(SATURATION, top, (0.02 * top, top), idle=10.0 * top))
+    width = Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), sensible=0.3 * top)
+    return [*searched, width]
+
+
+def refused_beforehand(
+    experiments: Sequence[Experiment], request: Request[MotorOptions]
+) -> list[Refusal]:
+    """What no sample tells anything of."""
+    middle = middle_of_commands(experiments, request)
+    out = [*_one_way(experiments, middle), *_one_sided(experiments, request, middle)]
+    free = request.options.command_offset == "estimate" and OFFSET not in request.fixed
+    if free and not _turns_both_ways(experiments):
+        out.append(Refusal(
+            OFFSET, "the motor turns in one direction only, where an offset and a dead zone shift "
+            "the curve alike.",
+        ))  # fmt: skip
+    return out
+
+
+def _turns_both_ways(experiments: Sequence[Experiment]) -> bool:
+    """Whether the motor turns forward and backward by more than a trifle."""
+    forward = backward = 0.0
+    for e in experiments:
+        if "speed" in e:
+            forward, backward = max(forward, e["speed"].max()), max(backward, -e["speed"].min())
+            continue
+        y = next(e[role] for role in e.signals if role != "command")
+        forward = max(forward, float(np.max(y - np.minimum.accumulate(y))))
+        backward = max(backward, float(np.max(np.maximum.accumulate(y) - y)))
+    return min(forward, backward) > _TRIFLE * max(forward, backward)
+
+
+def plan_motor(
+    experiments: Sequence[Experiment], request: Request[MotorOptions], saturated: bool
+) -> Plan:
     """Typical sizes and ranges of all parameters, the saturation only where it is asked for.
 
     Raises
@@ -54,26 +150,18 @@ def plan_motor(experiments: Sequence[Experiment], options: MotorOptions, saturat
     LogError
         When nothing moves.
     """
-    top = highest_command(experiments)
-    if top == 0.0 or not any(np.ptp(e["speed"]) for e in experiments):
-        raise LogError(
-            "command or speed does not change in any log",
-            remedy="Record a staircase of the command from zero to saturation and back.",
-        )
+    require_motion(experiments)
     step = max(e.sample_time for e in experiments)
     span = min(float(np.ptp(e.time)) for e in experiments)
     searched = [
-        Searched("dead_zone", 0.1 * top, (0.0, 0.95 * top), sensible=0.3 * top),
-        Searched("curvature", 1.0 / top, (0.0, 50.0 / top), sensible=3.0 / top),
-        Searched(SATURATION, top, (0.02 * top, top), idle=10.0 * top),
-        Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), sensible=0.3 * top),
+        *searched_curve(experiments, request, saturated),
         Searched("time_constant", 3.0 * step, (0.01 * step, 2.0 * span)),
         Searched("dead_time", step, (0.0, 0.5 * span), sensible=20.0 * step),
     ]
     return Plan(
-        [s for s in searched if saturated or s.name != SATURATION],
-        fixed={"dead_time": 0.0} if options.dead_time == "none" else {},
-        refusals=_one_way(experiments),
+        searched,
+        fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
+        refusals=refused_beforehand(experiments, request),
     )
 
 
@@ -86,9 +174,11 @@ def start_motor(
     """
     problem, unknowns = fit.problem(experiments, begin), fit.unknowns
     free = [u.name for u in problem.nonlinear]
-    top = 10.0 * unknowns["dead_zone"].scale
-    size = {"curvature": 1.0 / top}
-    values = {n: shares[0] * size.get(n, top) for n, shares in _SHARES.items()}
+    top = 1.0 / unknowns["curvature"].scale
+    size = {"curvature": 1.0 / top, EDGES[0]: -top}
+    values = {n: shares[0] * size.get(n, top) for n, shares in SHARES.items()}
+    middle = middle_of_commands(fit.experiments, fit.request)
+    middles = (middle + top * np.array(MIDDLES)).tolist() if OFFSET in free else [middle]
     step, late = unknowns["dead_time"].scale, unknowns["dead_time"].high
     lags = np.unique([0.5 * step, *np.geomspace(min(2.0 * step, late), late, 8)])
     slow = np.geomspace(step, max(0.3 * late, 2.0 * step), 5)
@@ -100,9 +190,10 @@ def start_motor(
         cost = profile(problem, np.array([[v[n] for n in free] for v in every]))
         return [every[k] for k in np.argsort(cost, kind="stable")]
 
-    values = {**values, "time_constant": slow[0], "dead_time": lags[0]}
-    values = rank(time_constant=slow.tolist(), dead_time=lags.tolist())[0]
-    curves = {n: [s * size.get(n, top) for s in shares] for n, shares in _SHARES.items()}
+    values = {**values, **fit.held, "time_constant": slow[0], "dead_time": lags[0]}
+    values |= {OFFSET: middle} if OFFSET in fit.plan.names else {}
+    values = rank(time_constant=slow.tolist(), dead_time=lags.tolist(), **{OFFSET: middles})[0]
+    curves = {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items()}
     if SATURATION not in free:
         return rank(**curves)[:2]
     # a search that slides to the last command sees no saturation any more: one from each
@@ -131,7 +222,7 @@ def fit_motor(
     if SATURATION in fit.request.start:
         return found, {}
     bend, rise = _find_bend(fit, found)
-    if rise > _SIGNIFICANT:
+    if rise > SIGNIFICANT:
         start = {n: bend[n] for n in fit.plan.names}
         again = _saturated(replace(fit, request=replace(fit.request, start=start)))
         if again is not None:
@@ -152,7 +243,8 @@ def _saturated(fit: ResponseFit[MotorOptions]) -> Response[MotorOptions] | None:
             raise
         return None
     f = found.fitted
-    reach = highest_command(fit.experiments) - 0.5 * f.values["hysteresis"]
+    top = highest_command(fit.experiments, f.values.get(OFFSET, 0.0))
+    reach = top - 0.5 * f.values["hysteresis"]
     shown = given or f.values[SATURATION] + 2.0 * f.std_error(SATURATION) < reach
     return found if shown else None
 
@@ -161,7 +253,8 @@ def _find_bend(
     fit: ResponseFit[MotorOptions], without: Response[MotorOptions]
 ) -> tuple[dict[str, float], float]:
     """Best of some saturations, and how much the residuals fall with it, in variances."""
-    fitted, top = without.fitted, highest_command(fit.experiments)
+    fitted = without.fitted
+    top = highest_command(fit.experiments, fitted.values.get(OFFSET, 0.0))
     model = replace(fit.named(fit.experiments, without.begin), weights=without.model.weights)
     refused = {n: fitted.values[n] for n in fitted.refused}
     found, best = dict(fitted.values), fitted.solution.cost
@@ -179,14 +272,27 @@ def _find_bend(
     return found, rows * (fitted.solution.cost / best - 1.0)
 
 
-def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
+def _one_sided(
+    experiments: Sequence[Experiment], request: Request[MotorOptions], middle: float
+) -> list[Refusal]:
+    """Refuse an edge on a side to which the command never goes."""
+    low, high = command_range(experiments)
+    reach = {EDGES[0]: middle - low, EDGES[1]: high - middle}
+    return [
+        Refusal(n, f"the command never goes to the {n.removeprefix('dead_zone_')} side.")
+        for n in edge_names(request.options)
+        if reach.get(n, np.inf) <= 1e-3 * (high - low)
+    ]
+
+
+def _one_way(experiments: Sequence[Experiment], middle: float) -> list[Refusal]:
     """Refuse the hysteresis where no log raises and lowers the command by a fair amount.
 
     Going one way it only shifts the curve, which dead zone and saturation do as well.
     """
-    top = highest_command(experiments)
+    top = highest_command(experiments, middle)
     for e in experiments:
-        u = np.abs(e.sampled("command"))
+        u = np.abs(e.sampled("command") - middle)
         up = float(np.max(u - np.minimum.accumulate(u)))
         down = float(np.max(np.maximum.accumulate(u) - u))
         if min(up, down) > 0.25 * top:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import expm1
 
 from ...routines import (
@@ -20,6 +20,7 @@ from ...routines import (
     minimum,
     polynomial,
 )
+from .equation import edges
 
 _NEAR = 0.3  # k x below which a series is used: an exponential would cancel
 _TERMS = 14  # of the series; the first one left out is below 1e-9 of it
@@ -47,25 +48,30 @@ class _Curve:
     """Steady speed over the spool's command behind the play."""
 
     def __init__(self, values: Mapping[str, float], command: Argument) -> None:
-        self.gain, self.zone = values["gain"], values["dead_zone"]
+        self.gain, self.offset = values["gain"], values.get("command_offset", 0.0)
+        self.edges = edges(values)
         self.k, self.width = max(values["curvature"], 1e-12), values["hysteresis"]
-        reach = max(command.high, -command.low, self.zone) + 0.5 * self.width
+        low, high = self.edges
+        reach = max(command.high - self.offset, self.offset - command.low, high, -low)
+        reach += 0.5 * self.width
         self.top = min(values.get("saturation_command", reach), reach)
-        self.most = max(self.top - self.zone, 0.0)
-        self.fastest = self.gain * -expm1(-self.k * self.most) / self.k
+        self.most = [max(self.top - edge, 0.0) for edge in (high, -low)]
+        self.fastest = [self.gain * -expm1(-self.k * x) / self.k for x in self.most]
 
     def speed(self, spool: Expression) -> Expression:
-        """Odd about zero: one side is always at rest."""
+        """One side is always at rest."""
+        low, high = self.edges
+        apart = spool - constant("offset", self.offset) if self.offset else spool
         sides = []
-        for way in (spool, -spool):
-            x = maximum(minimum(way, constant("top", self.top)) - self.zone, 0.0)
-            sides.append(_bend(x, self.k, self.most))
+        for way, edge, most in ((apart, high, self.most[0]), (-apart, -low, self.most[1])):
+            x = maximum(minimum(way, constant("top", self.top)) - edge, 0.0)
+            sides.append(_bend(x, self.k, most))
         return (sides[0] - sides[1]) * self.gain
 
-    def command(self, speed: Expression) -> Expression:
-        """Magnitude of the command for the magnitude of a speed."""
+    def opening(self, speed: Expression) -> Expression:
+        """Command beyond the edge for the magnitude of a speed."""
         shape = speed * constant("per_gain", 1.0 / self.gain)
-        return self.zone + _unbend(shape, self.k, self.fastest / self.gain)
+        return _unbend(shape, self.k, max(self.fastest) / self.gain)
 
 
 def curve_routine(values: Mapping[str, float], command: Argument, unit: str) -> Routine:
@@ -88,11 +94,25 @@ def _behind_play(u: Expression, spool: Expression, values: Mapping[str, float]) 
     return minimum(maximum(spool, u - half), u + half)
 
 
-def routines_of(
-    values: Mapping[str, float], command: Argument, unit: str, lag: Filter, offset: float,
-    sample_time: float,
-) -> Sequence[Routine]:  # fmt: skip
-    """Return the routines; ``unit`` is that of the speed, ``lag`` what follows the curve."""
+def step_routine(
+    values: Mapping[str, float], command: Argument, output: tuple[str, str], lag: Filter,
+    offset: float, sample_time: float,
+) -> Routine:  # fmt: skip
+    """Return one step of the motion, to the role and unit ``output``; ``lag`` follows the curve."""
+    curve, (role, unit) = _Curve(values, command), output
+    about = f"Take the command of this sample, return the {role}."
+    follow = Draft("step", about, unit, sample_time)
+    u, spool = follow.argument(command), follow.state("spool", curve.offset)
+    follow.put(spool, _behind_play(u, spool, values))
+    follow.let("drive", curve.speed(spool))
+    moved = follow.filter(lag)
+    return follow.returns(moved + constant("output_offset", offset) if offset else moved)
+
+
+def curve_routines(
+    values: Mapping[str, float], command: Argument, unit: str
+) -> tuple[Routine, Routine]:
+    """Return steady speed and its inverse; ``unit`` is that of the speed."""
     curve, half = _Curve(values, command), _half(values)
     direction = Argument(
         "direction", "1", "1 where the command was last raised, -1 lowered, 0 between", -1.0, 1.0
@@ -101,18 +121,17 @@ def routines_of(
     def shift(way: Expression) -> Expression:
         return by_sign(way, half, -half)
 
-    follow = Draft("step", "Take the command of this sample, return the speed.", unit, sample_time)
-    u, spool = follow.argument(command), follow.state("spool")
-    follow.put(spool, _behind_play(u, spool, values))
-    follow.let("drive", curve.speed(spool))
-    motion = follow.returns(follow.filter(lag) + constant("offset", offset))
     steady = Draft("speed", "Steady speed where the direction of the command is known.", unit)
     at = steady.let("spool", steady.argument(command) - shift(steady.argument(direction)))
     inverse = Draft("command_for", "Command for a steady speed.", command.unit)
+    forward, backward = curve.fastest
     wanted = inverse.argument(
         Argument("speed", unit, "wanted speed without the offset of its sensor",
-                 -curve.fastest * (command.low < 0.0), curve.fastest, recorded=False)
+                 -backward * (command.low < curve.offset), forward, recorded=False)
     )  # fmt: skip
-    size, moved = inverse.let("size", curve.command(abs(wanted))), inverse.argument(direction)
-    back = by_sign(wanted, size + shift(moved), shift(moved) - size)
-    return motion, steady.returns(curve.speed(at)), inverse.returns(back)
+    size, moved = inverse.let("size", curve.opening(abs(wanted))), inverse.argument(direction)
+    low, high = curve.edges
+    back = by_sign(wanted, size + high + shift(moved), shift(moved) - size + low)
+    if curve.offset:
+        back = back + constant("offset", curve.offset)
+    return steady.returns(curve.speed(at)), inverse.returns(back)

@@ -14,11 +14,12 @@ from ...experiment import Experiment, FloatArray
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
 from ...specification import Variant
+from ...units import after_number
 from .calibration import Calibration, rising_share
 
 
 class PotentiometerBlock(Block):
-    """A calibrated potentiometer: reading in, metres out.
+    """A calibrated potentiometer: reading in, metres (or what the reference was in) out.
 
     With two branches an array is a recording, its direction found from the start; a
     controller that gets one reading at a time calls `step`, which remembers the direction.
@@ -40,28 +41,30 @@ class PotentiometerBlock(Block):
     def __call__(
         self, reading: npt.ArrayLike, direction: npt.ArrayLike | None = None
     ) -> float | FloatArray:
-        """Position of a reading or an array of readings [m]; clamped to the reading range."""
+        """Position of a reading or an array of readings [unit of the reference]; clamped."""
         self.watch(reading=reading)
         y = self._calibration.position(np.asarray(reading, dtype=float), direction)
         return float(y) if y.ndim == 0 else y
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
         """Position and its inverse; see :meth:`.Block.methods`."""
-        return {"position": self, "reading_at": partial(self.inverse, clamp=True)}
+        from .routines import called
+
+        return {called(self.output.unit): self, "reading_at": partial(self.inverse, clamp=True)}
 
     def routines(self) -> Sequence[Routine]:
         """Position of a reading, and the reading at a position of a monotone curve."""
         from .routines import routines_of
 
         unit = self.validity["reading"].unit if "reading" in self.validity else "1"
-        return routines_of(self._calibration, unit)
+        return routines_of(self._calibration, unit, self.output.unit)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Positions of a recording; see :meth:`.Block.predict`."""
         return self._calibration.position(experiment.sampled("reading"))
 
     def step(self, reading: float) -> float:
-        """Position of the next reading of a controller [m].
+        """Position of the next reading of a controller [unit of the reference].
 
         Raises
         ------
@@ -78,7 +81,10 @@ class PotentiometerBlock(Block):
     def sensitivity(
         self, reading: npt.ArrayLike, direction: npt.ArrayLike | None = None
     ) -> float | FloatArray:
-        """Change of position per reading [m per unit of the reading]; 0 beyond the range."""
+        """Change of position per reading [unit of the reference per that of the reading].
+
+        0 beyond the range.
+        """
         s = self._calibration.slope(np.asarray(reading, dtype=float), direction)
         return float(s) if s.ndim == 0 else s
 
@@ -90,6 +96,7 @@ class PotentiometerBlock(Block):
         Parameters
         ----------
         metres : scalar or (n,)
+            [unit of the reference]: metres where that was a position.
         direction
             With two branches: 1 rising, -1 falling, 0 the mean of both.
         clamp
@@ -113,8 +120,10 @@ class PotentiometerBlock(Block):
         outside = ~((y >= min(ends) - slack) & (y <= max(ends) + slack))
         if np.any(np.isnan(y)) or (np.any(outside) and not clamp):
             first = float(y[outside].flat[0])
+            unit = after_number(self.output.unit)
             raise ValueError(
-                f"{first:g} m is outside the calibrated range {min(ends):g} to {max(ends):g} m. "
+                f"{first:g}{unit} is outside the calibrated range {min(ends):g} to "
+                f"{max(ends):g}{unit}. "
                 "Give clamp=True to take the end of the range."
             )
         x = c.low + (c.high - c.low) * c.invert(y, share)

@@ -14,7 +14,15 @@ from ...estimation.blocks import joined
 from ...estimation.map import MapFit, MapRows, position_edges
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
-from ...experiment import BoolArray, Experiment, FloatArray, all_of, where_both, where_finite
+from ...experiment import (
+    BoolArray,
+    Experiment,
+    FloatArray,
+    Signal,
+    all_of,
+    where_both,
+    where_finite,
+)
 from ...rows import blocks, by_rows, ends_of
 from .calibration import rising_share
 from .options import PotentiometerOptions
@@ -29,7 +37,8 @@ class Data:
     """All logs in one row of samples; ``parts`` are the logs, ``used`` what is fitted.
 
     ``in_order`` says that one sample follows the other in time: they have a time, or the
-    reading moves both ways. A table may have been sorted.
+    reading moves both ways. A table may have been sorted. ``unit`` is that of the reading,
+    ``output`` the reference of the first log.
     """
 
     reading: FloatArray
@@ -38,6 +47,7 @@ class Data:
     used: BoolArray
     in_order: bool
     unit: str
+    output: Signal
 
     def kept(self, values: FloatArray) -> FloatArray:
         """Values at the used samples."""
@@ -66,8 +76,9 @@ def gather(experiments: Sequence[Experiment]) -> Data:
         any(bool(way(x[:-1], x[1:]).any()) for x in readings) for way in (np.less, np.greater)
     )
     in_order = both_ways or all(e.time.size > 0 for e in experiments)
-    unit = experiments[0].signals["reading"].unit
-    return Data(reading, reference, parts, used, in_order, unit)
+    first = experiments[0].signals
+    unit = first["reading"].unit
+    return Data(reading, reference, parts, used, in_order, unit, first["reference"])
 
 
 def check_data(data: Data) -> None:
@@ -244,6 +255,7 @@ class Scaled:
     base: float
     stroke: float
     few: MapRows
+    output: Signal
 
     @cached_property
     def edges(self) -> FloatArray | None:
@@ -255,9 +267,9 @@ class Scaled:
         """At how many positions they were; in a sweep at as many as there are."""
         return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
 
-    def millimetres(self, scaled: float) -> str:
-        """A length in words."""
-        return f"{1e3 * scaled * self.stroke:.3g} mm"
+    def words(self, scaled: float) -> str:
+        """A difference of positions in words."""
+        return self.output.text(scaled * self.stroke)
 
     def squares(self, fit: MapFit) -> float:
         """Sum of squared residuals of all rows."""
@@ -273,7 +285,7 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     table = by_rows(lambda r, s: np.column_stack(((r - low) / span, s)), x, share)
     level = by_rows(lambda r: (r - base) / stroke, y)
     rows = MapRows(table, level, np.broadcast_to(1.0, x.shape))
-    return Scaled(rows, low, span, base, stroke, _merged(rows))
+    return Scaled(rows, low, span, base, stroke, _merged(rows), data.output)
 
 
 def _merged(rows: MapRows) -> MapRows:

@@ -1,5 +1,7 @@
 """Potentiometer calibration: position as a rational Bezier curve of the raw reading.
 
+The same curve calibrates any sensor: an angle, a pressure or a force in place of the position.
+
     t = (reading - low) / (high - low), clamped to 0..1
     y = sum_i w_i B_i(t) P_i / sum_i w_i B_i(t)
 
@@ -41,6 +43,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     Variant,
     make_solution,
 )
@@ -57,7 +60,7 @@ class Potentiometer(Family[PotentiometerOptions]):
     """Rational Bezier calibration of a potentiometer."""
 
     name = "potentiometer"
-    title = "Potentiometer: rational Bezier calibration of position from the raw reading"
+    title = "Potentiometer or other sensor: rational Bezier calibration of the raw reading"
     equation = (
         "reference = sum(weights[i] B_i(t) control_points[i]) / sum(weights[i] B_i(t)), "
         "t = (reading - reading_range[0]) / (reading_range[1] - reading_range[0])"
@@ -67,12 +70,14 @@ class Potentiometer(Family[PotentiometerOptions]):
             "potentiometer",
             (
                 Role("reading", "1", "raw reading, in counts or volts"),
-                Role("reference", "m", "true position, by laser or caliper", output=True),
+                Role("reference", "m", "true position (or angle, pressure, force), measured apart",
+                     output=True, alternatives=("rad", "Pa", "N", "N m", "1")),
                 Role("time", "s", "time of each sample", required=False),
             ),
             (
                 ParameterSpec(
                     "control_points", "m", "control points of the curve", rank=1,
+                    ratio=("reference", "1"),
                     remedy="Record more positions, spread over the whole range.",
                 ),
                 ParameterSpec(
@@ -87,7 +92,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 ParameterSpec(
                     "control_points_falling", "m",
                     "control points of the falling branch (then the others are the rising one)",
-                    rank=1, optional=True,
+                    rank=1, optional=True, ratio=("reference", "1"),
                 ),
                 ParameterSpec(
                     "weights_falling", "1", "weights of the falling branch, the first is 1",
@@ -102,6 +107,10 @@ class Potentiometer(Family[PotentiometerOptions]):
         ),
     )  # fmt: skip
     options_type = PotentiometerOptions
+    structures = (
+        *(Structure(f"degree {n}", {"degree": str(n), "branches": "pooled"}) for n in range(1, 6)),
+        Structure("a curve for each direction", {"degree": "auto", "branches": "two"}),
+    )
 
     def estimate(
         self,
@@ -191,7 +200,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
         points = c.curves[0][0]
         return StaticView(
-            "reading", data.unit, "reference", "m",
+            "reading", data.unit, "reference", data.output.unit,
             data.reading, data.reference, joined([s.output for s in simulated]),
             where_both(data.used, between(data.reading, plant.options.rails)),
             [

@@ -396,9 +396,9 @@ def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Not
         ", or the reference at a position is off by that much, which more readings there do not "
         "mend" if misfit.at_rest else ""
     )  # fmt: skip
-    scatter = scaled.millimetres(float(np.sqrt(misfit.within)))
+    scatter = scaled.words(float(np.sqrt(misfit.within)))
     text = (
-        f"the curve misses the readings by {scaled.millimetres(misfit.rms)} (RMS), while readings "
+        f"the curve misses the readings by {scaled.words(misfit.rms)} (RMS), while readings "
         f"beside each other scatter by {scatter}, most of all at a reading of "
         f"{reading:.6g} {unit}".removesuffix(" 1")
         + f": it cannot follow the sensor{common}. "
@@ -437,9 +437,9 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
     if not effect.matters(0.5 * MATTERS):
         return []
     text = (
-        f"at one reading the position differs by {scaled.millimetres(effect.width)} between rising "
+        f"at one reading the reference differs by {scaled.words(effect.width)} between rising "
         f"and falling readings, while each direction scatters by "
-        f"{scaled.millimetres(effect.scatter)}: one curve for both is off by half of that or more. "
+        f"{scaled.words(effect.scatter)}: one curve for both is off by half of that or more. "
         "Give --branches=two, or look for play in the coupling and for a delay between the two "
         "signals."
     )

@@ -31,7 +31,7 @@ def curve_quantities(
         error = points * scaled.stroke
         value, half = scaled.base + scaled.stroke * p, quantile * error
         out[f"control_points{suffix}"] = Quantity(
-            value.tolist(), "m", "estimated", error.tolist(),
+            value.tolist(), scaled.output.unit, "estimated", error.tolist(),
             np.column_stack((value - half, value + half)).tolist(), "wald",
         )  # fmt: skip
         out[f"weights{suffix}"] = Quantity(w.tolist(), "1", "not_identified")
@@ -60,11 +60,11 @@ def derived_quantities(found: CurveFit, scaled: Scaled) -> dict[str, Quantity]:
     p, c = curves[0][0], found.spread.covariance
     error = float(np.sqrt(max(c[0, 0] + c[n, n] - 2.0 * c[0, n], 0.0)))
     stroke = abs(float(p[-1] - p[0])) * scaled.stroke
-    out = {"stroke": Quantity(stroke, "m", "derived", error * scaled.stroke)}
+    out = {"stroke": Quantity(stroke, scaled.output.unit, "derived", error * scaled.stroke)}
     if len(curves) == 2:
         rise, fall = (rational_bezier(np.linspace(0.0, 1.0, 1001), *c) for c in curves)
         width = float(np.mean(np.abs(rise - fall))) * scaled.stroke
-        out["hysteresis"] = Quantity(width, "m", "derived")
+        out["hysteresis"] = Quantity(width, scaled.output.unit, "derived")
     return out
 
 

@@ -26,6 +26,7 @@ from .rational_bezier import power_coefficients
 _HALVINGS = 30
 _LEAST_BAND = 1e-6  # of the readings: what is turned by less is beyond single precision
 _BRANCHES = ("curve", "falling")
+_CALLED = {"m": "position", "rad": "angle", "Pa": "pressure", "N": "force", "N m": "torque"}
 
 
 def _curve(t: Expression, points: FloatArray, weights: FloatArray, name: str) -> Expression:
@@ -44,17 +45,25 @@ def _value(c: Calibration, t: Expression, share: Expression | None) -> Expressio
     return found[1] + share * (found[0] - found[1])
 
 
+def _a(name: str) -> str:
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
 def _place(c: Calibration, reading: Expression) -> Expression:
     """Place of a reading in its range."""
     return (reading - constant("first", c.low)) * constant("per_span", 1.0 / (c.high - c.low))
 
 
-def _inverse(c: Calibration, unit: str, directions: Argument | None) -> Routine:
-    draft = Draft("reading_at", "Reading at a position, by halving the range.", unit)
+def called(unit: str) -> str:
+    """What a quantity in a unit is called in the code that a controller runs."""
+    return _CALLED.get(unit, "value")
+
+
+def _inverse(c: Calibration, unit: str, directions: Argument | None, output: str) -> Routine:
+    name = called(output)
+    draft = Draft("reading_at", f"Reading at {_a(name)}, by halving the range.", unit)
     ends = np.array([[p[0], p[-1]] for p, _ in c.curves])
-    wanted = draft.argument(
-        Argument("position", "m", "position", float(ends.min()), float(ends.max()))
-    )
+    wanted = draft.argument(Argument(name, output, name, float(ends.min()), float(ends.max())))
     share = None if directions is None else 0.5 + 0.5 * draft.argument(directions)
     value = _value(c, Name("place"), share)
     place = draft.solve(
@@ -64,28 +73,30 @@ def _inverse(c: Calibration, unit: str, directions: Argument | None) -> Routine:
     return draft.returns(place * constant("span", c.high - c.low) + constant("first", c.low))
 
 
-def routines_of(c: Calibration, unit: str) -> Sequence[Routine]:
-    """Return the routines; ``unit`` is that of the reading."""
+def routines_of(c: Calibration, unit: str, output: str = "m") -> Sequence[Routine]:
+    """Return the routines; ``unit`` is that of the reading, ``output`` that of the reference."""
     reading = Argument("reading", unit, "raw reading", c.low, c.high)
     directions = None
     if len(c.curves) > 1:
         directions = Argument("direction", "1", "1 rising, -1 falling, 0 between", -1.0, 1.0)
-    draft = Draft("position", "Position of a reading.", "m")
+    name = called(output)
+    draft = Draft(name, f"{name.capitalize()} of a reading.", output)
     t = draft.let("place", _place(c, draft.argument(reading)))
     share = None
     if directions is not None:
         share = draft.let("share", 0.5 + 0.5 * draft.argument(directions))
     found = [draft.returns(_value(c, t, share))]
     if directions is not None:
-        found.append(_tracking(c, reading))
+        found.append(_tracking(c, reading, output))
     if c.monotone:
-        found.append(_inverse(c, unit, directions))
+        found.append(_inverse(c, unit, directions, output))
     return found
 
 
-def _tracking(c: Calibration, reading: Argument) -> Routine:
+def _tracking(c: Calibration, reading: Argument, output: str) -> Routine:
     """Position where the direction is found from the readings themselves."""
-    draft = Draft("step", "Position of the next reading; the direction is kept.", "m")
+    about = f"{called(output).capitalize()} of the next reading; the direction is kept."
+    draft = Draft("step", about, output)
     x = draft.argument(reading)
     last, state, begun = draft.state("last"), draft.state("state"), draft.state("begun")
     moved = draft.let("moved", choose(begun, ">", 0.0, x - last, 0.0))

@@ -30,6 +30,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Structure,
     UnmodelledEffect,
     Variant,
     make_solution,
@@ -102,6 +103,10 @@ class SpringCylinder(Family[SpringOptions]):
         ),
     )  # fmt: skip
     options_type = SpringOptions
+    structures = (
+        Structure("Coulomb friction", {"stribeck": "none"}),
+        Structure("Coulomb friction, Stribeck", {"stribeck": "estimate"}),
+    )
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[SpringOptions]

@@ -126,12 +126,14 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
         elif name == "preload":  # zero is a value like any other
             continue
         elif value + half < 0.0 and name in (*GAINS.values(), "stiffness"):
-            column = "position" if name == "stiffness" else "force"
+            drive = [role for role, gain in GAINS.items() if gain == name]
+            roles = [*drive, "force"] if drive else ["position"]
+            options = " or ".join(f"--scale {role}=-1" for role in roles)
             raise LogError(
                 f"{name} would be {value:.3g} {specs[name].unit}, and it cannot be negative.",
                 expected="Expected a rod that pushes harder with more pressure and with a "
                 "shorter spring.",
-                remedy=f"Check the sign of the {column}: --scale {column}=-1 reverses it.",
+                remedy=f"Check the sign of {' and '.join(roles)}: {options} reverses it.",
             )
         elif value <= 0.0 or half > _SENSIBLE * abs(value):
             unit = specs[LEVELS[0] if name == EQUAL else name].unit

@@ -32,7 +32,20 @@ from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment, FloatArray
-from ...family import ParameterSpec, Plant, Quantity, Request, Role, UnmodelledEffect, Variant
+from ...family import (
+    Curve,
+    ParameterSpec,
+    PhysicsView,
+    Plant,
+    Quantity,
+    Request,
+    Role,
+    Simulated,
+    Structure,
+    UnmodelledEffect,
+    Variant,
+)
+from ...mechanics.local_motion import local_motion
 from ...options import choice
 from ...rows import made, upper_quantile
 from .base import ASKED, TransferFamily
@@ -98,6 +111,21 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         ),
     )  # fmt: skip
     options_type = HydrostaticOptions
+    structures = (
+        Structure(
+            "no dead zone", {"dead-time": "none", "stiffness": "none"},
+            {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+        ),
+        *(
+            Structure(name, {"dead-time": late, "stiffness": spring})
+            for name, late, spring in (
+                ("dead zone", "none", "none"),
+                ("dead zone, dead time", "estimate", "none"),
+                ("dead zone, spring", "none", "estimate"),
+                ("dead zone, dead time, spring", "estimate", "estimate"),
+            )
+        ),
+    )  # fmt: skip
     dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 
@@ -132,6 +160,33 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         A search that ends beside zero may have stopped there with edges that make up for it.
         """
         return [{"stiffness": 0.0}] if values.get("stiffness") else []
+
+    def physics_view(
+        self,
+        plant: Plant[HydrostaticOptions],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+    ) -> PhysicsView | None:
+        """Velocity over force with the dead zone; none with a spring, which has no such curve."""
+        v = plant.numbers
+        if v.get("stiffness"):
+            return None
+        forces, speeds = [], []
+        for e, s in zip(experiments, simulated, strict=True):
+            position, force = e.sampled("position"), e.sampled("force")
+            noise = float(np.nanstd(position - s.output))
+            fine = 0.05 * float(np.std(force)) / v["damping"]
+            speeds.append(local_motion(e.time, position, noise, fine)[0])
+            forces.append(force)
+        x, units = np.concatenate(forces), experiments[0].units
+        edges = v["dead_zone_negative"], v["dead_zone_positive"]
+        along = np.unique([*np.linspace(x.min(), x.max(), 200), *edges])
+        beyond = np.maximum(along - edges[1], 0.0) + np.minimum(along - edges[0], 0.0)
+        return PhysicsView(
+            "Steady velocity over force, with the dead zone", "force", units["force"], "velocity",
+            f"{units['position']}/s", Curve("measured", x, np.concatenate(speeds)),
+            [Curve("dead zone and damping", along, beyond / v["damping"])],
+        )  # fmt: skip
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """``1 / (mass s^2 + damping s + stiffness)``."""

@@ -1,9 +1,15 @@
 """Pneumatic or hydraulic transmission line: gain, time constant, dead time.
 
-    Y(s)/U(s) = K exp(-T_d s) / (tau s + 1)
+    Y(s)/U(s) = K exp(-T_d s) / (tau tau_2 s^2 + tau s + 1),  tau_2 = 0 unless asked for
+
+from the pressure at its valve side, or from the command of the valve where that was not recorded:
+the gain is then a pressure per command, and valve and line are one lag with one dead time.
 
 The first order stands for filling the volume at the far end, the dead time for the wave
-that has to travel there, ``L/c`` for a line of length ``L`` and sound speed ``c`` [1]_.
+that has to travel there, ``L/c`` for a line of length ``L`` and sound speed ``c`` [1]_. A second
+order stands for whatever else lags, a slow sensor or a second volume, and for fluid that swings:
+``tau`` is the sum of all lags; ``tau_2`` is about the shorter of two, and above ``tau / 4`` the
+line swings. Written so, two lags that are alike are as well determined as any.
 
 References
 ----------
@@ -14,7 +20,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,12 +31,30 @@ from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
 from ...estimation.response import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
-from ...experiment import Experiment
-from ...family import ParameterSpec, Quantity, Request, Role, Variant
-from ...options import number
+from ...estimation.unmodelled_effects import slopes
+from ...experiment import Experiment, FloatArray
+from ...family import (
+    ParameterSpec,
+    Plant,
+    Quantity,
+    Request,
+    Role,
+    Simulate,
+    Structure,
+    UnmodelledEffect,
+    Variant,
+)
+from ...options import choice, number
+from ...units import as_time
 from .base import TransferFamily
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
+_EQUATION = (
+    "outlet(s)/{}(s) = gain * exp(-dead_time s) "
+    "/ ((time_constant second_time_constant s^2 +) time_constant s + 1)"
+)
+_SECOND = "second_time_constant"
+_PART = 0.1  # of the first time constant, that a second one is tried with
 _NEAR = 0.1  # sample times from a sample
 _FAST = 0.6  # sample times of a time constant below which samples show little of the response
 
@@ -42,66 +67,118 @@ class LineOptions(ResponseOptions):
         help="length of the line, to compare the dead time with", unit="m", above=0.0
     )
     sound_speed: float | None = number(help="sound speed in the line", unit="m/s", above=0.0)
+    order: str = choice(
+        "first", ("first", "second"), "whether one time constant is estimated, or two"
+    )
+
+
+def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: Any) -> Variant:
+    """A line behind what drives it; the gain is the one parameter that depends on that."""
+    return Variant(
+        name,
+        (Role("time", "s", "time of each sample"), drive, outlet),
+        (
+            gain,
+            ParameterSpec(
+                "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
+                remedy="Sample faster, or record a step instead of a slow change.",
+            ),
+            ParameterSpec(
+                "dead_time", "s", "time before the outlet begins to move",
+                neutral=0.0, minimum=0.0, curved=True,
+                remedy=f"Record sharp steps of the {drive.name}, sampled several times within "
+                "the time the wave needs to travel.",
+            ),
+            ParameterSpec(
+                _SECOND, "s", "of a second order: about its shorter lag", neutral=0.0,
+                minimum=0.0, optional=True,
+                remedy=f"Record sharp steps of the {drive.name}, sampled several times within it; "
+                "or leave --order out.",
+            ),
+        ),
+        **more,
+    )  # fmt: skip
 
 
 class Line(TransferFamily[LineOptions]):
-    """First-order line with dead time."""
+    """Line of first or second order with dead time."""
 
     name = "line"
     title = "Transmission line: gain, time constant and dead time"
-    equation = "outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant s + 1)"
+    equation = _EQUATION.format("inlet")
     variants = (
-        Variant(
+        _variant(
             "line",
-            (
-                Role("time", "s", "time of each sample"),
-                Role("inlet", "Pa", "pressure at the valve side", hold="auto",
-                     alternatives=_SENSORS),
-                Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
-                     output=True, alternatives=_SENSORS),
-            ),
-            (
-                ParameterSpec(
-                    "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
-                    remedy="Record at least one step of the inlet between two levels.",
-                ),
-                ParameterSpec(
-                    "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
-                    remedy="Sample faster, or record a step instead of a slow change.",
-                ),
-                ParameterSpec(
-                    "dead_time", "s", "time before the outlet begins to move",
-                    neutral=0.0, minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the inlet, sampled several times within "
-                    "the time the wave needs to travel.",
-                ),
+            Role("inlet", "Pa", "pressure at the valve side", hold="auto", alternatives=_SENSORS),
+            Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
+                 output=True, alternatives=_SENSORS),
+            ParameterSpec(
+                "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
+                remedy="Record at least one step of the inlet between two levels.",
             ),
             alike=("inlet", "outlet"),
+            unlike="If inlet is the command of a valve, name it so: --column command=HEADER.",
+        ),
+        _variant(
+            "command",
+            Role("command", "V", "command of the valve before the line", hold="zoh",
+                 alternatives=("A", "1")),
+            Role("outlet", "Pa", "pressure at the far end", output=True, alternatives=("V", "1")),
+            ParameterSpec(
+                "gain", "Pa/V", "steady outlet pressure per command", ratio=("outlet", "command"),
+                remedy="Record at least one step of the command between two levels.",
+            ),
+            equation=_EQUATION.format("command"),
         ),
     )  # fmt: skip
     options_type = LineOptions
+    structures = (
+        Structure("first order", {"order": "first"}, {"dead_time": 0.0}),
+        Structure("first order, dead time", {"order": "first"}),
+        Structure("second order", {"order": "second"}, {"dead_time": 0.0}),
+        Structure("second order, dead time", {"order": "second"}),
+    )
     gain = "gain"
     steady_offset = True
 
     @staticmethod
     def realise(values: Values) -> tuple[Any, Any, Any]:
-        """State space of ``1/(tau s + 1)``."""
-        rate = 1.0 / values["time_constant"]
-        return np.array([[-rate]]), np.array([rate]), np.array([1.0])
+        """State space with unit gain, balanced by scaling time."""
+        slow, fast = values["time_constant"], values.get(_SECOND)
+        if not fast:
+            return np.array([[-1.0 / slow]]), np.array([1.0 / slow]), np.array([1.0])
+        rate = 1.0 / np.sqrt(slow * fast)
+        a = rate * np.array([[0.0, 1.0], [-1.0, -slow * rate]])
+        return a, rate * np.array([0.0, 1.0]), np.array([1.0, 0.0])
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """``gain / (time_constant s + 1)``."""
-        return [values["gain"]], [values["time_constant"], 1.0]
+        """``gain / ((time_constant second_time_constant s^2 +) time_constant s + 1)``."""
+        slow, fast = values["time_constant"], values.get(_SECOND, 0.0)
+        return [values["gain"]], [slow * fast, slow, 1.0] if fast else [slow, 1.0]
 
     def plan(self, experiments: Sequence[Experiment], request: Request[LineOptions]) -> Plan:
         """Search over time constants and dead times."""
         step, span = time_scales(experiments)
         axis = np.geomspace(0.3 * step, 0.5 * span, 7)
-        searched = (
+        searched = [
             Searched("time_constant", step, (1e-3 * step, 100.0 * span), axis),
             Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
-        )
+        ]
+        if request.options.order == "second" or _SECOND in request.fixed:
+            searched.append(Searched(_SECOND, step, (1e-3 * step, 100.0 * span), axis[::2]))
         return Plan(searched, lag=lambda at: at["time_constant"])
+
+    def unmodelled_effects(self, plant: Plant[LineOptions]) -> Sequence[UnmodelledEffect]:
+        """A second order, where one was fitted; see :meth:`Family.unmodelled_effects`."""
+        found = list(super().unmodelled_effects(plant))
+        if _SECOND not in plant.values:
+            found.append(
+                UnmodelledEffect(
+                    "second order", "the response is of second order", "Try --order=second.",
+                    partial(_second_order, plant), "s", positive=True, offered=True,
+                )
+            )  # fmt: skip
+        return found
 
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
         """Other dead times within the sample interval, for a line that has answered at its end.
@@ -110,7 +187,7 @@ class Line(TransferFamily[LineOptions]):
         time_constant)``, then tells anything: one number for two unknowns.
         """
         lag, late = values["time_constant"], values["dead_time"]
-        if lag > _FAST * step:
+        if lag > _FAST * step or _SECOND in values:
             return []
         out = []
         # a dead time that ends near a sample belongs to the intervals on both sides of it
@@ -127,14 +204,21 @@ class Line(TransferFamily[LineOptions]):
     def derive(
         self, fitted: Fitted, options: LineOptions
     ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """Bandwidth, rise time from 10 to 90 %, and how the dead time compares with ``L/c``."""
-        derived = fitted.derive(
-            {"bandwidth": "rad/s", "rise_time": "s"},
-            lambda v: {
-                "bandwidth": 1.0 / v["time_constant"],
-                "rise_time": np.log(9.0) * v["time_constant"],
-            },
-        )
+        """Bandwidth, rise time from 10 to 90 %, and how the dead time compares with ``L/c``.
+
+        The bandwidth ``w`` of a second order solves ``|(1 - tau tau_2 w^2) + i tau w|^2 = 2``; its
+        rise time has no closed form.
+        """
+
+        def function(v: Values) -> dict[str, Any]:
+            slow, fast = v["time_constant"], v.get(_SECOND, 0.0)
+            if not fast:
+                return {"bandwidth": 1.0 / slow, "rise_time": np.log(9.0) * slow}
+            product = slow * fast
+            middle = 0.5 * slow**2 - product
+            return {"bandwidth": 1.0 / np.sqrt(middle + np.sqrt(middle**2 + product**2))}
+
+        derived = fitted.derive({"bandwidth": "rad/s", "rise_time": "s"}, function)
         length, speed = options.length, options.sound_speed
         if length is None:
             return derived, []
@@ -150,10 +234,20 @@ class Line(TransferFamily[LineOptions]):
         return derived, [
             Notice(
                 "dead-time-not-travel-time",
-                f"the dead time {dead_time * 1e3:.3g} ms is not the travel time "
-                f"L/c = {expected * 1e3:.3g} ms of {length:g} m at {speed or 343.0:g} m/s"
+                f"the dead time {as_time(dead_time)} is not the travel time "
+                f"L/c = {as_time(expected)} of {length:g} m at {speed or 343.0:g} m/s"
                 f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
                 "slow first part of filling; a shorter one means that the time stamps or the "
                 "inlet signal are late.",
             )
         ]
+
+
+def _second_order(
+    plant: Plant[LineOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Change of the outlet by a small second time constant, per its size."""
+    size = _PART * plant.numbers["time_constant"]
+    behind = replace(plant, values={**plant.values, _SECOND: size})
+    before, after = simulate(plant, experiments), simulate(behind, experiments)
+    return slopes(before, after, plant.variant.output.name, size)

@@ -25,7 +25,7 @@ from ...estimation.parametric import Fitted
 from ...estimation.response import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
-from ...family import ParameterSpec, Quantity, Request, Role, Variant
+from ...family import ParameterSpec, Quantity, Request, Role, Structure, Variant
 from ...options import choice
 from .base import ASKED, TransferFamily
 
@@ -73,7 +73,8 @@ class Valve(TransferFamily[ValveOptions]):
                 ),
                 ParameterSpec(
                     "damping_ratio", "1", "damping ratio", minimum=1e-6,
-                    remedy=_RISE,
+                    remedy=f"{_RISE} Where the outlet rises like a first-order lag, the logs show "
+                    "no second order: fit a family of first order.",
                 ),
                 ParameterSpec(
                     "dead_time", "s", "time before the outlet begins to move",
@@ -89,6 +90,12 @@ class Valve(TransferFamily[ValveOptions]):
         ),
     )  # fmt: skip
     options_type = ValveOptions
+    structures = (
+        Structure("second order", {"dead-time": "none", "zero": "none"}),
+        Structure("second order, dead time", {"dead-time": "estimate", "zero": "none"}),
+        Structure("second order, zero", {"dead-time": "none", "zero": "estimate"}),
+        Structure("second order, dead time, zero", {"dead-time": "estimate", "zero": "estimate"}),
+    )
     gain = "gain"
     steady_offset = True
 

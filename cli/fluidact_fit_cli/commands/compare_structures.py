@@ -1,0 +1,121 @@
+"""``fluidact-fit compare --structures FAMILY LOG...``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import UsageError
+from fluidact_fit.families import get_family
+
+from .. import options
+from ..errors import Invocation
+from ..family_help import chosen_options, family_options
+from ..progress import Progress
+from ..show import echo, echo_json, echo_table, format_number
+from .fit_family import PARAMETERS, check_family_names, in_si
+
+if TYPE_CHECKING:
+    from fluidact_fit.family import Family, FamilyOptions
+    from fluidact_fit.structures import StructureComparison, StructureFit
+
+# Words of this command that a fit does not have.
+_FLAGS = ("--json", "--quiet", "-q", "--verbose", "-v", "--debug")
+
+
+def family_params(family: Family[FamilyOptions]) -> list[click.Parameter]:
+    """Options of the family's fit that hold for every structure."""
+    return [*family_options(family), *PARAMETERS]
+
+
+def run(
+    name: str,
+    files: Sequence[str],
+    as_json: bool,
+    params: Mapping[str, Any],
+    invocation: Invocation | None,
+) -> None:
+    """Fit and judge the structures, and show the table with the command to run next."""
+    from fluidact_fit.structures import compare_structures
+
+    family = get_family(name)
+    check_family_names(family, params)
+    if len(set(files)) < len(files):
+        raise UsageError("a log is given twice.", remedy="Give each log once.")
+    params = {**params, **in_si(family, params)}
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        progress("reading")
+        found = compare_structures(
+            name, options.read_logs(files, params), fixed=params["fix"], start=params["start"],
+            bounds=params["bounds"], noise=params["noise"], progress=progress,
+            **chosen_options(params),
+        )  # fmt: skip
+    words = invocation.args if invocation else ("compare", "--structures", name, *files)
+    command = next_command(found, words)
+    if as_json:
+        echo_json({**found.to_dict(), "command": command})
+    elif not params["quiet"]:
+        _show(found, command)
+
+
+def next_command(found: StructureComparison, words: Sequence[str]) -> str:
+    """The fit of the recommended structure, as a shell takes it; empty where there is none."""
+    from fluidact_fit.files import shell_command
+
+    if found.best is None:
+        return ""
+    given = list(words)[list(words).index("compare") + 1 :]
+    kept, chosen = [], [o for o, _ in found.best.settings]
+    while given:
+        word = given.pop(0)
+        option = word.partition("=")[0]
+        if word in _FLAGS:
+            continue
+        if option == "--structures" or option in chosen:
+            given = given if "=" in word else given[1:]
+            continue
+        kept.append(word)
+    selected = [w for setting in found.best.settings for w in setting]
+    held = [w for name, value in found.best.fixed.items() for w in ("--fix", f"{name}={value:g}")
+            if f"{name}={value:g}" not in kept]  # fmt: skip
+    return shell_command(["fluidact-fit", found.family, *kept, *selected, *held,
+                          "-o", f"{found.family}.yaml"])  # fmt: skip
+
+
+def _show(found: StructureComparison, command: str) -> None:
+    head = ["structure", "k", "fit", "held out", "verdict", "ΔBIC"]
+    echo_table([head, *map(_row, found.structures)], right=(1, 2, 3, 5))
+    for one in found.structures:
+        if one.reason:
+            echo(f"{one.name}: {one.reason}")
+    best = found.best
+    if best is None:
+        echo("\nall structures were refused")
+        return
+    echo(f"\nk: estimated parameters; ΔBIC: above the lowest, on the same {found.samples} samples")
+    if found.held_out:
+        echo(f"held out: {found.held_out}, predicted by a fit to the rest")
+    moved = [(one, m) for one in found.structures for m in one.moved]
+    if moved:
+        echo(f"\nwhat differs by more than 2 standard errors from '{best.name}':")
+        rows = [
+            [f"  {one.name}", m.name, format_number(m.value, m.std_error), "instead of",
+             format_number(m.recommended, m.std_error), m.unit, f"{m.deviation:+.1f} std errors"]
+            for one, m in moved
+        ]  # fmt: skip
+        echo_table(rows, right=(2, 4))
+    echo(f"\nrecommended: {best.name}\n  {command}")
+
+
+def _row(one: StructureFit) -> list[str]:
+    from fluidact_fit.outcome import percent_text
+
+    if one.bic_difference is None:
+        return [one.name, "-", "-", "-", "REFUSED", "-"]
+    return [
+        one.name, str(one.parameters), percent_text(one.fit_percent),
+        percent_text(one.held_out_percent), one.verdict.upper(), f"{one.bic_difference:.1f}",
+    ]  # fmt: skip

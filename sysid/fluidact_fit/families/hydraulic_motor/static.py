@@ -1,0 +1,137 @@
+"""Settled points: the curve of the motor and its hysteresis, without the lag.
+
+The rows are points at which the motor turned steadily, in the order in which they were visited: the
+play needs to know from which side each was approached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from ...errors import NotIdentifiedError, UsageError
+from ...estimation.named_map import NamedFit, NamedRows, fit_named_map
+from ...estimation.named_model import Values
+from ...experiment import Array, Experiment, FloatArray
+from ...specification import Request, Variant
+from .equation import play, static_speed
+from .fit import (
+    EDGES,
+    MIDDLES,
+    OFFSET,
+    SATURATION,
+    SHARES,
+    SIGNIFICANT,
+    MotorOptions,
+    highest_command,
+    middle_of_commands,
+    refused_beforehand,
+    require_motion,
+    searched_curve,
+)
+
+_BEST = 3  # starts of a search
+
+
+def law(values: Values, x: FloatArray) -> Array:
+    """Steady speeds; ``x`` holds the commands and the number of the log of each, ``(n, 2)``."""
+    width, spool = values["hysteresis"], []
+    size = float(np.real(width))
+    for number in np.unique(x[:, 1]):
+        place, slope = play(x[x[:, 1] == number, 0], size)
+        spool.append(place + slope * (width - size))
+    return static_speed(np.concatenate(spool), values)
+
+
+def gather(experiments: Sequence[Experiment]) -> NamedRows:
+    """Commands and speeds of all runs, in order."""
+    x = [np.column_stack((e.sampled("command"), np.full(e.samples, k)))
+         for k, e in enumerate(experiments)]  # fmt: skip
+    ends = tuple(np.cumsum([e.samples for e in experiments]).tolist())
+    return NamedRows(np.vstack(x), np.concatenate([e["speed"] for e in experiments]), ends, True)
+
+
+def fit_points(
+    variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
+) -> NamedFit:
+    """Fit the curve, with a saturation where the points show one.
+
+    Raises
+    ------
+    UsageError
+        For options that speak of samples in time.
+    """
+    options = request.options
+    for name in ("start_state", "offset"):
+        if getattr(options, name) is not None:
+            raise UsageError(
+                f"--{name.replace('_', '-')} means nothing to settled points",
+                remedy="Leave it out, or --mode=static.",
+            )
+    require_motion(experiments)
+    given, found = SATURATION in {**request.fixed, **request.start}, []
+    refused: NotIdentifiedError | None = None
+    for saturated in (True,) if given else (True, False):
+        try:
+            found.append(_fit(variant, experiments, request, saturated))
+        except NotIdentifiedError as error:
+            refused = error
+    if refused is not None and not found:
+        raise refused
+    if len(found) == 1:
+        return found[0]
+    bent, plain = found
+    values = bent.solved.values
+    top = highest_command(experiments, float(values.get(OFFSET, 0.0)))
+    reach = top - 0.5 * float(values["hysteresis"])
+    end = float(values[SATURATION]) + 2.0 * bent.solved.std_error(SATURATION)
+    rise = bent.data.y.size * (plain.fit.cost / max(bent.fit.cost, 1e-300) - 1.0)
+    return bent if end < reach and rise > SIGNIFICANT else plain
+
+
+def _fit(
+    variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions],
+    saturated: bool,
+) -> NamedFit:  # fmt: skip
+    """The fit with or without a saturation."""
+    data, searched = gather(experiments), searched_curve(experiments, request, saturated)
+    names = {s.name for s in searched} | {"gain"}
+    known = {n: v for n, v in request.fixed.items() if n in names}
+    start = {n: v for n, v in request.start.items() if n in names}
+
+    def starts(held: Mapping[str, float]) -> list[dict[str, float]]:
+        return _starts(experiments, data, replace(request, fixed=held), names)
+
+    return fit_named_map(
+        law, tuple(p for p in variant.parameters if p.name in names), data, starts,
+        {s.name: s.limits for s in searched}, replace(request, fixed=known, start=start),
+        sensible={s.name: s.sensible for s in searched if s.sensible is not None},
+        refusals=[r for r in refused_beforehand(experiments, request) if r.parameter not in known],
+    )  # fmt: skip
+
+
+def _starts(
+    experiments: Sequence[Experiment], data: NamedRows, request: Request[MotorOptions],
+    names: set[str],
+) -> list[dict[str, float]]:  # fmt: skip
+    """Best of a grid of curves; the gain follows from each."""
+    middle = middle_of_commands(experiments, request)
+    top = highest_command(experiments, middle)
+    size = {EDGES[0]: -top, "curvature": 1.0 / top}
+    axes = {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items() if n in names}
+    if OFFSET in names:
+        axes[OFFSET] = [middle + s * top for s in MIDDLES]
+    axes |= {n: [v] for n, v in request.fixed.items() if n in axes}
+    found = []
+    for point in product(*axes.values()):
+        values = dict(zip(axes, point))
+        shape = np.real(law({**values, "gain": 1.0}, data.x))
+        power = float(shape @ shape)
+        gain = request.fixed.get("gain", max(float(shape @ data.y), 0.0) / max(power, 1e-300))
+        rest = data.y - gain * shape
+        found.append((float(rest @ rest), {**values, "gain": max(gain, 1e-30)}))
+    found.sort(key=lambda pair: pair[0])
+    return [values for _, values in found[:_BEST]]

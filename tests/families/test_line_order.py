@@ -1,0 +1,44 @@
+"""Lines of second order: named where the first order was fitted, and recovered where asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from studies.structures import line
+
+import fluidact_fit as ff
+
+HELD = {"inlet": "zoh"}
+
+
+def logs(lags: tuple[float, ...]) -> list[dict[str, np.ndarray]]:
+    rng = np.random.default_rng(5)
+    return [dict(line(rng, lags=lags, delay=0.0147)[0]) for _ in range(2)]
+
+
+@pytest.mark.parametrize("lags", [(0.12, 0.05), (0.08, 0.0799)])  # two that are nearly alike
+def test_two_lags_are_recovered(lags: tuple[float, float]) -> None:
+    result = ff.fit("line", logs(lags), hold=HELD, order="second")
+    truth = {"time_constant": sum(lags), "dead_time": 0.0147, "gain": 0.98,
+             "second_time_constant": lags[0] * lags[1] / sum(lags)}  # fmt: skip
+    assert result.verdict == "pass"
+    for name, value in truth.items():
+        q = result.parameters[name]
+        assert abs(q.number - value) < 4.0 * float(q.std_error)
+    w = result.derived["bandwidth"].number  # where the gain has fallen by 3 dB
+    gain = 1.0 / abs((1j * w * lags[0] + 1.0) * (1j * w * lags[1] + 1.0))
+    assert gain == pytest.approx(np.sqrt(0.5), rel=0.02)
+
+
+def test_a_missed_order_is_named_with_its_option() -> None:
+    result = ff.fit("line", logs((0.12, 0.05)), hold=HELD)
+    (said,) = [n.message for n in result.notices if n.code == "unmodelled-response"]
+    assert "the response is of second order" in said
+    assert "--order=second" in said
+
+
+def test_a_line_of_first_order_has_no_second_time_constant() -> None:
+    result = ff.fit("line", logs((0.12,)), hold=HELD, order="second")
+    q = result.parameters["second_time_constant"]
+    assert q.status == "not_identified" or q.number < 4.0 * float(q.std_error or 0.0)
+    assert "second_time_constant" not in ff.fit("line", logs((0.12,)), hold=HELD).parameters
