@@ -34,7 +34,7 @@ from .units import same_dimension
 _TRIED = 4  # families at most
 _OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
 _ROWS = 50_000  # of all logs, beyond which none is tried
-_SHORTLIST = 0.7  # of the best score, down to which families are tried
+_SHORTLIST = 0.75  # of the best score, down to which families are tried
 _ALIKE = 1.5  # times the misfit of another, up to which fewer parameters are the better model
 _APART = 3.0  # times the misfit of the best model, beyond which another is none of its rivals
 _IMPOSSIBLE = -1e6

@@ -120,8 +120,7 @@ def _pictures(
         figures.append(("responses", plot_views(views)))
     kind = Path(path).suffix.lower()
     if kind in (".html", ".htm"):
-        drawn = [(text, render(figure, "svg")) for text, figure in figures]
-        return {path: inspection_page(f"inspect {log.name}", drawn)}
+        return {path: inspection_page(f"inspect {log.name}", figures)}
     names = [path] if len(figures) == 1 else [path, str(_beside(Path(path)))]
     return {n: render(f, kind[1:]) for n, (_, f) in zip(names, figures, strict=True)}
 

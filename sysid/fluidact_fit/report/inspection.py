@@ -177,8 +177,10 @@ def _residual(axes: Axes, views: Views) -> None:
     legend(axes)
 
 
-def inspection_page(title: str, figures: Sequence[tuple[str, bytes]]) -> str:
-    """A page of pictures; description and SVG of each."""
+def inspection_page(title: str, figures: Sequence[tuple[str, Figure]]) -> str:
+    """A page of pictures; title of each."""
     from .html import escape, pictures, whole_page
+    from .reading import picture
 
-    return whole_page(title, [f"<header><h1>{escape(title)}</h1></header>", pictures(figures)])
+    shown = [picture(figure, text, f"{text} of {title}") for text, figure in figures]
+    return whole_page(title, [f"<h1>{escape(title)}</h1>", pictures(shown)])
