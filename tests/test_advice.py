@@ -125,3 +125,14 @@ def test_without_a_trial_nothing_is_fitted(tmp_path: Path) -> None:
     (found,) = suggest([ff.read_log(bench(tmp_path))], ["bench.csv"], "line", trial=False)
     assert found.verdict == ""
     assert found.fit_percent is None
+
+
+def test_a_column_called_torque_commands_nothing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-50.0, 50.0, 12), 50)
+    table = np.column_stack([0.01 * np.arange(600), u, 4.0 * u + rng.normal(size=600)])
+    path = tmp_path / "drive.csv"
+    np.savetxt(path, table, delimiter=",", comments="",
+               header="time [s],Torque actual value [%],Velocity actual value [rpm]")  # fmt: skip
+    found = suggest([ff.read_log(path)], ["drive.csv"], trial=False)
+    assert "hydraulic-motor" not in {s.family for s in found}

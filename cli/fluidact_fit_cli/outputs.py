@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -21,21 +21,26 @@ _SUFFIXES = {
 }
 
 
-def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool) -> None:
+def check_targets(
+    targets: Mapping[str, str], inputs: Iterable[str], force: bool, also: Sequence[str] = ()
+) -> None:
     """Refuse outputs that cannot be written, before any work is done.
 
-    ``targets`` maps options to paths; ``inputs`` are files that are read. ``UsageError`` when a
-    name is unsuitable, taken or given twice, ``OutputError`` when its directory is not writable.
+    ``targets`` maps options to paths; ``inputs`` are files that are read; ``also`` are suffixes
+    that this command accepts beside the usual ones. ``UsageError`` when a name is unsuitable,
+    taken or given twice, ``OutputError`` when its directory is not writable.
     """
-    check_places(targets, inputs)
+    check_places(targets, inputs, also)
     refuse_existing(targets, force)
 
 
-def check_places(targets: Mapping[str, str], inputs: Iterable[str]) -> None:
+def check_places(
+    targets: Mapping[str, str], inputs: Iterable[str], also: Sequence[str] = ()
+) -> None:
     """Do as :func:`check_targets`, but let files exist."""
     read = [part for path in inputs for part in _parts(path)]
     for option, path in targets.items():
-        _check_name(option, path)
+        _check_name(option, path, also)
     refuse_outputs(targets.items(), read)
     for option, path in targets.items():
         _check_place(option, path)
@@ -62,7 +67,7 @@ def _parts(path: str) -> list[str]:
     return [str(part) for part in files_of(Path(path))] if "+" in path else [path]
 
 
-def _check_name(option: str, path: str) -> None:
+def _check_name(option: str, path: str, also: Sequence[str] = ()) -> None:
     if path == "-":
         raise UsageError(
             f"{option} - is not supported.",
@@ -70,7 +75,7 @@ def _check_name(option: str, path: str) -> None:
         )
     if not path.strip() or "\0" in path:
         raise UsageError(f"{option} has no file name.", remedy="Give one.")
-    suffixes = _SUFFIXES.get(option)
+    suffixes = (*_SUFFIXES[option], *also) if option in _SUFFIXES else ()
     if suffixes and Path(path).suffix.lower() not in suffixes:
         raise UsageError(
             f"{option} {path} has an unknown suffix.",

@@ -31,15 +31,18 @@ def echo(text: str = "") -> None:
     _print(visible(text) + "\n")
 
 
-def echo_text(text: str, indent: str = "") -> None:
-    """Print a paragraph for people, wrapped to the width of a terminal."""
+def echo_text(text: str, indent: str = "  ", first: str = "") -> None:
+    """Print a paragraph for people, wrapped to the width of a terminal.
+
+    ``first`` stands before its first line, ``indent`` before the others.
+    """
     width = width_of(sys.stdout)
     if width is None:
-        echo(text)
+        echo(first + text)
         return
     for line in visible(text).splitlines() or [""]:
-        echo(textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False,
-                           break_on_hyphens=False))  # fmt: skip
+        echo(textwrap.fill(line, width, initial_indent=first, subsequent_indent=indent,
+                           break_long_words=False, break_on_hyphens=False))  # fmt: skip
 
 
 def echo_result(text: str) -> None:

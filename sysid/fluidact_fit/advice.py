@@ -8,19 +8,26 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from .assessment import leads
+from .assessment import direction, leads
+from .channels import factor_between
 from .errors import FluidactError, LogError, NotIdentifiedError, UsageError
+from .estimation.inputs import settle_holds
+from .experiment import Experiment
 from .families import family_names, get_family
 from .files import powershell_command, shell_command
 from .fitting import fit
-from .logs import Log
+from .logs import Log, experiments
 from .logs.columns import default_column, time_candidate
 from .logs.log import Column
+from .model_free import Views, view_fit, view_runs
+from .result import FitResult
 from .specification import Role, Variant
 from .units import same_dimension
 
@@ -32,12 +39,14 @@ _ALIKE = 1.5  # times the misfit of another, up to which fewer parameters are th
 _APART = 3.0  # times the misfit of the best model, beyond which another is none of its rivals
 _IMPOSSIBLE = -1e6
 _NAMED, _CALLED, _MEASURED, _ALSO, _UNKNOWN, _USED = 3.0, 2.0, 1.0, 0.7, 0.1, 1.0
+_DOUBT = 0.25  # less for a column that holds what was asked for, or another quantity by its name
 
 # What people call the roles, in the languages of loggers: whole words of a name, without numbers.
 _WORDS: dict[str, str] = {
     "command": "cmd command u set setpoint sollwert stellwert soll voltage spannung current strom "
     "valve ventil consigna consigne commande comando i pwm signal",
-    "outlet": "outlet out output response druck pressure p flow q chamber far istwert ist ausgang",
+    "outlet": "outlet out output response druck pressure p flow q chamber far istwert ist ausgang "
+    "speed",
     "inlet": "inlet in input valve source supply upstream vordruck eingang",
     "pressure": "pressure druck p chamber presion pression pressione kammer",
     "pressure_1": "pa p1 pressure1 chamber1 cap bottom",
@@ -52,12 +61,22 @@ _WORDS: dict[str, str] = {
     "speed": "speed omega drehzahl rpm n velocity v",
     "flow": "flow q volumenstrom durchfluss debit caudal portata speed",
     "reading": "adc counts count raw reading pot poti potentiometer digits",
-    "reference": "reference laser caliper true position pos mm gauge",
+    "reference": "reference laser caliper true position pos mm gauge deflection",
     "drive_position": "drive motor antrieb input x",
     "load_position": "load last abtrieb output phi",
     "length": "length laenge",
     "direction": "direction richtung state",
 }
+
+# Words of a column that holds what was asked for, not what was measured; roles that are that.
+_REFERENCES = frozenset(
+    ("ref", "reference", "soll", "sollwert", "setpoint", "target", "desired", "demand", "cmd")
+)
+_SET_POINTS = ("command", "reference")
+# Words that say what a column is, whatever its unit allows.
+_QUANTITIES = frozenset(
+    ("torque", "force", "position", "angle", "velocity", "speed", "flow", "pressure")
+)
 
 
 @dataclass(frozen=True)
@@ -91,6 +110,12 @@ class Suggestion:
         How to run the fit, for a POSIX shell.
     powershell
         The same for PowerShell.
+    against
+        Pairs of a driving role and the output that moves the other way: a sign may be reversed.
+    guessed
+        Whether units and names do not suffice: something has to be added or checked.
+    result
+        Of the trial fit, where one was made.
     """
 
     family: str
@@ -106,6 +131,13 @@ class Suggestion:
     asked: tuple[str, ...] = ()
     command: str = ""
     powershell: str = ""
+    against: tuple[tuple[str, str], ...] = ()
+    guessed: bool = False
+    result: FitResult | None = field(default=None, repr=False, compare=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything but the result, as plain data."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "result"}
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -144,6 +176,10 @@ def suggest(
                if (time is None or c.index != time.column.index) and _varies(c)]  # fmt: skip
     timed = time is not None or logs[0].sample_time is not None
     found = [s for name in names for s in _best_variant(name, logs[0], signals, timed)]
+    if not found:
+        guessed = [*_lacking_one(names, logs[0], signals, timed),
+                   *_by_order(names, logs[0], signals, timed)]  # fmt: skip
+        return [_with_command(s, logs[0], paths) for s in guessed[:_TRIED]]
     found.sort(key=lambda s: -s.score)
     shortlist = [s for s in found if s.score >= _SHORTLIST * found[0].score][:_TRIED]
     rows = sum(log.rows for log in logs)
@@ -162,6 +198,20 @@ def is_clear(found: Sequence[Suggestion]) -> bool:
     rivals = [s for s in found[1:] if s.verdict == found[0].verdict]
     best = found[0].rank[1]
     return all(s.score < found[0].score or s.rank[1] > _APART * best for s in rivals)
+
+
+def views_of(s: Suggestion, logs: Sequence[Log]) -> Views | None:
+    """What the input does to the output without a model, and the trial's model beside it."""
+    if s.result is not None:
+        return view_fit(s.result)
+    variant = get_family(s.family).variant(s.variant)
+    runs: list[Experiment] = []
+    try:
+        for index, log in enumerate(logs):
+            runs += experiments(_bound(log, s), variant, index=index)[0]
+        return view_runs(variant, settle_holds(runs))
+    except (LogError, UsageError):
+        return None
 
 
 def _ordered(tried: Sequence[Suggestion]) -> list[Suggestion]:
@@ -210,7 +260,8 @@ def _assign(
     if scores[rows, chosen].min() <= 0.0 or min(told) < _ALSO:
         return None  # neither unit nor name tells of some role what it is
     taken = {required[i].name: columns[j] for i, j in zip(rows, chosen, strict=True)}
-    if not _alike(variant, taken):
+    timeless = not any(r.name == "time" and r.required for r in variant.roles)
+    if not _alike(variant, taken) or _has_copy(list(taken.values()), timeless):
         return None
     total = float(scores[rows, chosen].sum())
     for role in (r for r in roles if not r.required):
@@ -221,9 +272,13 @@ def _assign(
             total += _score(log, role, best)
     unused = [c for c in columns if c not in taken.values() and c.unit]
     taken, unsure = _in_order(log, variant, taken)
+    ends = [(r.name, variant.output.name) for r in variant.driving if variant.output.name in taken]
+    against = [(r, o) for r, o in ends
+               if r in taken and direction(taken[r].values, taken[o].values) < 0]  # fmt: skip
     return Suggestion(
         family, variant.name, {r: f"#{c.index}" for r, c in taken.items()},
         total / len(taken) + _USED * len(taken) / (len(taken) + len(unused)), unsure,
+        against=tuple(against),
     )  # fmt: skip
 
 
@@ -236,6 +291,16 @@ def _alike(variant: Variant, taken: Mapping[str, Column]) -> bool:
     """Whether roles of which only the ratio matters are in one quantity."""
     units = [taken[r].unit or "1" for r in variant.alike if r in taken]
     return all(same_dimension(u, units[0]) for u in units)
+
+
+def _has_copy(columns: Sequence[Column], timeless: bool) -> bool:
+    """Whether one of several columns was computed from another: a family would fit the formula.
+
+    A calibration may be a straight line of two columns, which is all that there is to fit.
+    """
+    return not (timeless and len(columns) == 2) and any(
+        factor_between(a.values, b.values) is not None for a, b in combinations(columns, 2)
+    )
 
 
 def _score(log: Log, role: Role, column: Column) -> float:
@@ -260,13 +325,87 @@ def _score(log: Log, role: Role, column: Column) -> float:
     if "_".join(words) == role.name or column.name.casefold() == role.name:
         return measured + _NAMED
     called = bool({*words, "".join(words)} & set(_WORDS.get(role.name, "").split()))
-    return measured + _CALLED * called
+    asked_for = role.name not in _SET_POINTS and bool(_REFERENCES & set(words))
+    another = not called and bool(_QUANTITIES & set(words))
+    return measured + _CALLED * called - _DOUBT * (asked_for or another)
 
 
 def _words(column: Column) -> list[str]:
     """Words of the name of a column, lower case."""
     text = "".join(c if c.isalnum() else " " for c in (column.name or "").casefold())
     return text.split()
+
+
+# ----------------------------------------------------------- where units and names fall short
+
+
+def _lacking_one(
+    names: Sequence[str], log: Log, signals: Sequence[Column], timed: bool
+) -> Iterator[Suggestion]:
+    """Yield families that have all but one of their roles in the columns, and use all of these."""
+    signals = _without_copies(signals)
+    for name in names:
+        for variant in get_family(name).variants:
+            required = [r for r in variant.roles if r.required and r.name != "time"]
+            needs_time = any(r.name == "time" and r.required for r in variant.roles)
+            if len(required) != len(signals) + 1 or not signals or (needs_time and not timed):
+                continue
+            if {*log.bindings, *log.units, *log.scales} - {r.name for r in variant.roles}:
+                continue  # a role that the user speaks of is another family's
+            scores = np.array([[_score(log, r, c) for c in signals] for r in required])
+            rows, chosen = linear_sum_assignment(scores, maximize=True)
+            if scores[rows, chosen].min() < _MEASURED:
+                continue
+            lacking = next(r for k, r in enumerate(required) if k not in rows)
+            if lacking.output:
+                continue  # what is fitted has to be recorded
+            alone = needs_time and lacking in variant.driving
+            option = f"--step {lacking.name}=FROM:TO" if alone else f"--set {lacking.name}=VALUE"
+            how = "stepped" if alone else "was constant"
+            yield Suggestion(
+                name, variant.name,
+                {required[i].name: f"#{signals[j].index}" for i, j in zip(rows, chosen)},
+                float(scores[rows, chosen].mean()), asked=(option,), guessed=True,
+                reason=f"it needs {lacking.name} as well: record it, or give {option} where it "
+                f"{how}.",
+            )  # fmt: skip
+            break
+
+
+def _by_order(
+    names: Sequence[str], log: Log, signals: Sequence[Column], timed: bool
+) -> Iterator[Suggestion]:
+    """Yield families of two plain numbers, where nothing tells what they are: the leader drives."""
+    signals = _without_copies(signals)
+    named = {*log.bindings, *log.units, *log.scales, *log.holds} - {"time"}
+    if len(signals) != 2 or named or any(c.unit or _words(c) for c in signals):
+        return
+    first = leads(signals[0].values, signals[1].values)
+    pair = signals if first is not False else signals[::-1]
+    why = "neither names nor units tell what the columns are"
+    why += "" if first is None else f"; #{pair[0].index} leads #{pair[1].index} and may drive it"
+    for name in names:
+        for variant in get_family(name).variants[:1]:
+            required = [r for r in variant.roles if r.required and r.name != "time"]
+            needs_time = any(r.name == "time" and r.required for r in variant.roles)
+            plain = all("1" in (r.unit, *r.alternatives) for r in required[:-1])
+            if len(required) != 2 or needs_time is (first is None) or not plain:
+                continue
+            yield Suggestion(
+                name, variant.name, {r.name: f"#{c.index}" for r, c in zip(required, pair)}, 0.0,
+                reason=f"{why}.", guessed=True,
+                unsure=((required[0].name, required[1].name),) if first is None else (),
+                asked=("--sample-time SECONDS",) if needs_time and not timed else (),
+            )  # fmt: skip
+
+
+def _without_copies(signals: Sequence[Column]) -> list[Column]:
+    """Columns less those that were computed from an earlier one."""
+    out: list[Column] = []
+    for column in signals:
+        if all(factor_between(c.values, column.values) is None for c in out):
+            out.append(column)
+    return out
 
 
 # ---------------------------------------------------------------------------- what the log does
@@ -310,6 +449,7 @@ def _tried(
         s, verdict=str(result.verdict), fit_percent=result.document.fit.fit_percent,
         parameters=sum(np.size(q.value) for q in free),
         not_identified={n: next((m for m in said if m.startswith(f"{n} ")), "") for n in lost},
+        result=result,
     )  # fmt: skip
 
 

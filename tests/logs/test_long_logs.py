@@ -61,7 +61,7 @@ def test_a_spike_is_seen_in_every_block(rows_of_a_block, place):
 
 @pytest.mark.parametrize("led", [False, True])
 def test_repeated_readings_are_counted_alike(rows_of_a_block, led):
-    found = [repeats._rows_per_reading(x, led) for seed in range(5) for x in signals(seed)]
+    found = [repeats.rows_per_reading(x, led) for seed in range(5) for x in signals(seed)]
     assert found[2::5] == pytest.approx([3.0] * 5, abs=0.2)
     assert found[0::5] == found[1::5] == [1.0] * 5
 

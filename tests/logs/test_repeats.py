@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import fluidact_fit as ff
 from fluidact_fit import LogError
-from fluidact_fit.logs.repeats import _rows_per_reading
+from fluidact_fit.logs.repeats import rows_per_reading
 
 STEP = 0.01  # s
 
@@ -32,7 +32,7 @@ def slow(values: np.ndarray, rate: float) -> np.ndarray:
 def test_a_converter_slower_than_the_log_is_seen(seed: int, rate: float) -> None:
     rng = np.random.default_rng(seed)
     seen = slow(motion(rng) + 1e-4 * rng.standard_normal(2000), rate)
-    assert _rows_per_reading(seen) == pytest.approx(100.0 / rate, rel=0.1)
+    assert rows_per_reading(seen) == pytest.approx(100.0 / rate, rel=0.1)
 
 
 @given(
@@ -42,7 +42,7 @@ def test_a_converter_slower_than_the_log_is_seen(seed: int, rate: float) -> None
 def test_a_coarse_or_noisy_motion_is_not(seed: int, step: float, noise: float) -> None:
     rng = np.random.default_rng(seed)
     values = motion(rng) + noise * rng.standard_normal(2000)
-    assert _rows_per_reading(np.round(values / step) * step if step else values) == 1.0
+    assert rows_per_reading(np.round(values / step) * step if step else values) == 1.0
 
 
 @pytest.mark.parametrize("every", [2, 3, 5])
@@ -54,16 +54,16 @@ def test_a_noisy_output_that_repeats_every_reading_is_seen(every: int, noise: fl
     """
     rng = np.random.default_rng(every)
     values = motion(rng) + noise * rng.standard_normal(2000)
-    assert _rows_per_reading(np.repeat(values, every), led=True) == pytest.approx(every, rel=0.01)
+    assert rows_per_reading(np.repeat(values, every), led=True) == pytest.approx(every, rel=0.01)
     for step in (1e-3, 0.05):
-        assert _rows_per_reading(np.round(values / step) * step, led=True) == 1.0
+        assert rows_per_reading(np.round(values / step) * step, led=True) == 1.0
 
 
 @pytest.mark.parametrize("clock", [1, 2, 5])
 def test_levels_that_are_set_are_not(clock: int) -> None:
     rng = np.random.default_rng(7)
-    assert _rows_per_reading(np.repeat(rng.uniform(-1.0, 1.0, 400), clock)) == 1.0
-    assert _rows_per_reading(np.repeat(rng.integers(0, 2, 400).astype(float), clock)) == 1.0
+    assert rows_per_reading(np.repeat(rng.uniform(-1.0, 1.0, 400), clock)) == 1.0
+    assert rows_per_reading(np.repeat(rng.integers(0, 2, 400).astype(float), clock)) == 1.0
 
 
 def line_log(seed: int, rows: int = 600) -> dict[str, np.ndarray]:

@@ -102,7 +102,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     failed = sum(outcome.exit != 0 for outcome in outcomes)
     if not params["quiet"]:
         _show([outcome.status for outcome in outcomes])
-        echo_text("written to " + ", ".join(written), "  ")
+        echo_text("written to " + ", ".join(written))
     if failed and params["strict"]:
         raise StrictError(
             f"{failed} of {len(jobs)} jobs have no parameter file.",

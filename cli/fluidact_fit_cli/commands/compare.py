@@ -93,4 +93,4 @@ def command(
         echo_table([table.head, *table.rows])
         echo()
         for line in found.conclusions:
-            echo_text(line, "  ")
+            echo_text(line)

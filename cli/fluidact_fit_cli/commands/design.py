@@ -97,15 +97,15 @@ def command(
 
 
 def _show(found: Design, output: str | None, verbose: bool) -> None:
-    echo_text(f"{found.family}: {found.description}", "  ")
+    echo_text(f"{found.family}: {found.description}")
     echo()
     head = ["parameter", "value", "unit", "present", "predicted", "ratio",
             "present 95 %", "predicted 95 %"]  # fmt: skip
     echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5), drop=(7, 6, 2))
     echo()
-    echo_text(f"binding limits: {', '.join(found.binding)}", "  ")
+    echo_text(f"binding limits: {', '.join(found.binding)}")
     for note in found.notes:
-        echo_text(f"- {note}", "  ")
+        echo_text(f"- {note}")
     if verbose and found.candidates:
         echo("\nbest of each shape, with its worst relative standard error:")
         for c in found.candidates:

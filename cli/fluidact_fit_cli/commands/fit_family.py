@@ -146,7 +146,7 @@ def run_fit(
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
-        echo_text("written to " + ", ".join(targets.values()), "  ")
+        echo_text("written to " + ", ".join(targets.values()))
     if not params["quiet"]:
         echo_notices(result.notices)
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,15 +15,19 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
+from ..channel_lines import echo_channels, echo_relations, text_width, troubles
 from ..messages import echo_notices
+from ..outputs import check_targets, write_all
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, format_number
+from ..show import echo, echo_json, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
     from fluidact_fit.logs import Log
 
 _LISTED = 8  # lines that were left out, one by one
+_RELATED = 8  # columns of which each two are compared
+_BESIDE = 45  # characters of a table before its last column
 
 
 @click.command(
@@ -37,14 +42,19 @@ _LISTED = 8  # lines that were left out, one by one
         options.flag("--trial/--no-trial", group="Output", default=True,
                      help="Fit the likeliest families to see what they determine. Default: yes, "
                      "of logs of up to 50,000 rows."),
+        options.Option(["--plot"], metavar="FILE", group="Output",
+                       help="Pictures of the channels and, of one input and one output, of the "
+                       "responses without a model (.html, .svg, .png or .pdf)."),
+        options.FORCE,
         options.json_option("The description"),
         *options.READING,
         *options.VERBOSITY,
     ],
 )  # fmt: skip
 def command(
-    logs: tuple[str, ...], family: str | None, trial: bool, as_json: bool, **params: Any
-) -> None:
+    logs: tuple[str, ...], family: str | None, trial: bool, plot: str | None, force: bool,
+    as_json: bool, **params: Any,
+) -> None:  # fmt: skip
     """Show what is in a LOG, what is wrong with it, and which families fit it.
 
     Several LOGs are experiments on one machine. Families are chosen by the units and names of the
@@ -53,60 +63,131 @@ def command(
     """
     from fluidact_fit.advice import suggest
     from fluidact_fit.errors import Notice
-    from fluidact_fit.logs import describe
     from fluidact_fit.logs.columns import find_column
 
     if family is not None:
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
+    if plot is not None:
+        check_targets({"--plot": plot}, logs, force, also=(".html", ".htm"))
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         read = options.read_logs(logs, params)
-    every = []
+    every, roles = [], {}
     for log in read:
         # Refuses a column that is not there.
         roles = {find_column(log, role, at).index: role for role, at in log.bindings.items()}
-        found = describe(log)
-        if family is not None:
-            found["family"] = _usable(log, family, found)
-        every.append(found)
-        if not as_json and not params["quiet"]:
-            _show(found, roles)
-            echo_notices(Notice(n["code"], n["message"]) for n in found["notices"])
+        every.append(_description(log, family))
+    shown = not as_json and not params["quiet"]
+    if shown:
+        _show(every[0], roles)
+        for other in every[1:]:
+            _show_briefly(other)
+        echo_notices(Notice(n["code"], n["message"]) for e in every for n in e["notices"])
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         advice = suggest(read, logs, family, trial=trial, progress=progress)
     if as_json:
-        listed = {"suggestions": [asdict(s) for s in advice]}
+        listed = {"suggestions": [s.as_dict() for s in advice]}
         echo_json({**every[0], **listed} if len(every) == 1 else {"logs": every, **listed})
-    elif not params["quiet"]:
+    elif shown:
         show_advice(advice)
+    if plot is not None:
+        pictures = _pictures(read, advice, plot)
+        write_all(pictures, force)
+        if shown:
+            echo(f"pictures written to {' and '.join(pictures)}")
+
+
+def _pictures(
+    logs: Sequence[Log], advice: Sequence[Suggestion], path: str
+) -> dict[str, bytes | str]:
+    """The files of the pictures: a page of both, or one file each."""
+    from fluidact_fit.advice import views_of
+    from fluidact_fit.channels import describe_channels, time_of
+    from fluidact_fit.report import inspection_page, plot_channels, plot_views, render
+
+    log = logs[0]
+    time, channels = time_of(log), describe_channels(log)
+    at = None if time is None else time[0]
+    shown = [(c, found) for c in log.columns
+             if c.index != at and (found := channels[c.index]) is not None]  # fmt: skip
+    figures = [("channels", plot_channels(log.name, shown, None if time is None else time[1]))]
+    views = views_of(advice[0], logs) if advice else None
+    if views is not None:
+        figures.append(("responses", plot_views(views)))
+    kind = Path(path).suffix.lower()
+    if kind in (".html", ".htm"):
+        return {path: inspection_page(f"inspect {log.name}", figures)}
+    names = [path] if len(figures) == 1 else [path, str(_beside(Path(path)))]
+    return {n: render(f, kind[1:]) for n, (_, f) in zip(names, figures, strict=True)}
+
+
+def _beside(path: Path) -> Path:
+    """Where the picture of the responses goes: ``a.png`` has it in ``a-responses.png``."""
+    return path.with_name(f"{path.stem}-responses{path.suffix}")
+
+
+def _description(log: Log, family: str | None) -> dict[str, Any]:
+    """What the file holds and what its channels show, as plain data."""
+    from fluidact_fit.channels import describe_channels, relate
+    from fluidact_fit.logs import describe
+
+    found = describe(log)
+    if family is not None:
+        found["family"] = _usable(log, family, found)
+    channels = describe_channels(log)
+    for entry in found["columns"]:
+        channel = channels[entry["number"]]
+        entry["channel"] = None if channel is None else asdict(channel)
+    at = found["time"]["column"] if found["time"] else None
+    signals = [c for c in log.columns if c.index != at and not c.part_of]
+    found["relations"] = [asdict(r) for r in relate(signals[:_RELATED])]
+    return found
 
 
 def show_advice(advice: Sequence[Suggestion]) -> None:
     """Say which families fit, what they do not determine, and what to run."""
-    from fluidact_fit.outcome import percent_text
-
     echo()
     if not advice:
-        echo("no family has all that it needs among these columns, by their units and names: say")
-        echo("what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles)")
+        echo_text(
+            "No family has all that it needs among these columns, by their units and names. Say "
+            "what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles).",
+            "",
+        )
         return
-    head = ["family", "verdict", "fit", "columns"]
+    _show_families(advice)
+    best = advice[0]
+    for name, message in best.not_identified.items():
+        echo_text(f"not determined: {message or name}")
+    if best.reason:
+        echo_text(f"{best.family}: {best.reason}")
+    for one, other in best.unsure:
+        echo_text(f"{one} and {other} could be exchanged: check which column is which")
+    for one, other in best.against:
+        echo_text(f"{other} moves against {one}: if a sign is reversed, add --scale {one}=-1 "
+                  f"or --scale {other}=-1")  # fmt: skip
+    if best.asked:
+        echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
+    echo("next:" if not best.guessed or len(advice) == 1 else "next, one of:")
+    for s in advice if best.guessed else advice[:1]:
+        echo(f"  {s.powershell if os.name == 'nt' else s.command}")
+
+
+def _show_families(advice: Sequence[Suggestion]) -> None:
+    """A table of the families; their columns below them where the terminal is narrow."""
+    from fluidact_fit.outcome import percent_text
+
     rows = [
         [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
          " ".join(f"{role}={at}" for role, at in s.columns.items())]
         for s in advice
     ]  # fmt: skip
-    echo_table([head, *rows], right=(2,))
-    best = advice[0]
-    for name, message in best.not_identified.items():
-        echo(f"not determined: {message or name}")
-    if best.reason:
-        echo(f"{best.family}: {best.reason}")
-    for one, other in best.unsure:
-        echo(f"{one} and {other} could be exchanged: check which column is which")
-    echo("next:")
-    echo(f"  {best.powershell if os.name == 'nt' else best.command}")
+    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
+        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
+        return
+    for family, verdict, percent, columns in rows:
+        echo(f"{family:<19} {verdict:<9} {percent:>9}")
+        echo_text(columns, "    ", "    ")
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
@@ -132,7 +213,7 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
     text = f", {dialect['encoding']}, separator {separator}, decimal '{dialect['decimal']}', "
     text += f"data from line {dialect['first_data_line']}"
-    echo(f"format: {dialect['name']}{text if separator else ''}")
+    echo_text(f"format: {dialect['name']}{text if separator else ''}")
     if found["elements"]:
         _show_elements(found["elements"])
     else:
@@ -143,8 +224,21 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
         samples = sum(run["samples"] for run in runs)
         echo(f"usable for {found['family']['name']}: {len(runs)} run(s), {samples} samples")
     echo()
-    head = ["column", "name", "unit", "low", "high", "resolution", "invalid", "role"]
-    echo_table([head, *(_column_row(c, roles) for c in found["columns"])], right=(0, 3, 4, 5, 6))
+    at = found["time"]["column"] if found["time"] else None
+    echo_channels([c for c in found["columns"] if c["number"] != at], roles)
+    if found["relations"]:
+        echo()
+        echo_relations(found["relations"], found["time"])
+
+
+def _show_briefly(found: Mapping[str, Any]) -> None:
+    """Say of a further log what differs: its rows, its time and what is wrong with a channel."""
+    time = found["time"]
+    every = f", every {time['sample_time']:g} s" if time else ""
+    echo(f"{found['file']}: {found['rows']} rows{every}")
+    for column in found["columns"]:
+        if said := troubles(column):
+            echo_text(f"#{column['number']}: {'; '.join(said)}", "    ")
 
 
 def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
@@ -173,23 +267,13 @@ def _show_elements(elements: Sequence[Mapping[str, str]]) -> None:
 
 def _show_time(time: Mapping[str, Any] | None) -> None:
     if time is None:
-        echo("no time column was found (--column time=..., or --sample-time for a fit)")
+        echo_text("no time column was found (--column time=..., or --sample-time for a fit)")
         return
-    even = "even" if time["uniform"] else "uneven"
+    step = time["sample_time"]
+    even = "even" if time["uniform"] else f"uneven by up to {time['jitter']:.2g} s"
     assumed = " (assumed)" if time["assumed"] else ""
-    echo(
+    rate = f" ({1.0 / step:.4g} Hz)" if step else ""
+    echo_text(
         f"time in column #{time['column']}, unit {time['unit']}{assumed}: {time['runs']} run(s), "
-        f"{time['start']:g} to {time['end']:g} s, every {time['sample_time']:g} s, {even}"
+        f"{time['start']:g} to {time['end']:g} s, every {step:g} s{rate}, {even}"
     )
-
-
-def _column_row(column: Mapping[str, Any], roles: Mapping[int, str]) -> list[str]:
-    ends = [column["low"], column["high"], column["resolution"]]
-    return [
-        f"#{column['number']}",
-        column["name"] or "",
-        column["unit"] or "",
-        *("" if value is None else format_number(value) for value in ends),
-        str(column["invalid_cells"] or ""),
-        roles.get(column["number"], ""),
-    ]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from .examination import Examined, examine
 from .implausible import find_implausible
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
-from .refusal_causes import Cause, find_cause, leads
+from .refusal_causes import Cause, direction, find_cause, leads
 from .verdict import judge, residual_whiteness
 
 __all__ = [
     "Cause",
     "Examined",
     "Outlier",
+    "direction",
     "examine",
     "find_cause",
     "find_implausible",

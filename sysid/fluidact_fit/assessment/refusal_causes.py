@@ -161,16 +161,19 @@ def _reversed_signs(runs: Sequence[Experiment], role: str, output: str) -> Itera
 
 
 def _direction(e: Experiment, role: str, output: str) -> int:
+    return direction(e[role], e[output]) if role in e and output in e else 0
+
+
+def direction(u: FloatArray, y: FloatArray) -> int:
     """1 where the output, or its change, follows the input, -1 where it goes against it, else 0.
 
     What swings follows an input of either sign, half a period later. The output of a line goes
     with its input, its change goes to and fro; the change of a mass goes with its input, the way
     to and fro: what is nearest to the input counts.
     """
-    if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
+    if not u.size == y.size >= _LEAST:
         return 0
-    u = e[role] - e[role].mean()
-    y = e[output] - e[output].mean()
+    u, y = u - u.mean(), y - y.mean()
     speed = y[_SPEED:] - y[:-_SPEED]
     pairs = ((y, u), (speed, u[: speed.size]))
     found = [_correlations(drive, moved, (0, *_LAGS)) for moved, drive in pairs]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fnmatch import filter as filter_names
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypedDict
 
-from ..errors import UsageError
+from ..errors import LogError, UsageError
 from .log import Invalid, Log, StepInput
 from .reader import read_log
 from .source import files_of
@@ -129,13 +130,37 @@ def listed_logs(logs: Sequence[LogLike] | Iterator[LogLike] | LogLike) -> list[L
 
 def _opened(log: LogLike, said: Mapping[str, Any], once: bool) -> Log:
     if not isinstance(log, Log):
-        return replace(read_log(log, **said), disposable=once)
+        try:
+            return replace(read_log(log, **said), disposable=once)
+        except LogError:
+            _refuse_own_file(log)
+            raise
     if said:
         raise UsageError(
             f"{next(iter(said))} is given for '{log.name}', which has been read already",
             remedy="Give it to read_log, or give the path or the data.",
         )
     return log
+
+
+def _refuse_own_file(log: LogLike) -> None:
+    """Name a file of this program that was given as a log."""
+    if not isinstance(log, str | PathLike):
+        return
+    path = str(log)
+    if Path(path).suffix.lower() not in (".yaml", ".yml"):
+        return
+    with suppress(OSError), open(path, "rb") as file:
+        first = re.search(rb"^format: *fluidact-(\w+)", file.read(4096), re.MULTILINE)
+        if first is not None:
+            kind = {b"parameters": "parameter"}.get(first[1], first[1].decode("ascii", "replace"))
+            raise LogError(
+                f"is a {kind} file, not a log.",
+                where=path,
+                expected="Expected a table of recorded samples.",
+                remedy=f"`fluidact-fit report {path}` shows what is in a parameter file; "
+                f"`fluidact-fit check {path} LOG` compares it with a log.",
+            )
 
 
 def _texts(given: Mapping[str, str] | Sequence[str] | str | None) -> list[str]:

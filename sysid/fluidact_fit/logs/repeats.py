@@ -42,13 +42,13 @@ def check_repeats(
         if role == "time" or (binding.role.hold == "zoh" and binding.role.unit in _SET):
             continue
         parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size]
-        if all(_rows_per_reading(p, led=True) == 1.0 for p in parts):
+        if all(rows_per_reading(p, led=True) == 1.0 for p in parts):
             continue
         # what drives nothing is not set level by level, but it may rest as all channels do
         led = binding.role.hold is None and any(_others_move(e, role) for e in experiments)
         if static and not led:
             continue
-        every = max((_rows_per_reading(p, led) for p in parts), default=1.0)
+        every = max((rows_per_reading(p, led) for p in parts), default=1.0)
         if every == 1.0:
             continue
         step = next(e.sample_time for e in experiments if role in e)
@@ -98,7 +98,7 @@ def _may_repeat(values: FloatArray) -> bool:
     return same >= _SHARE * moving
 
 
-def _rows_per_reading(values: FloatArray, led: bool = False) -> float:
+def rows_per_reading(values: FloatArray, led: bool = False) -> float:
     """Mean number of rows that a reading of a moving signal stands for; 1 where all are new.
 
     A signal that is ``led`` follows others: where it never changes from one row to the next it
