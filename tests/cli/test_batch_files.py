@@ -94,7 +94,7 @@ def test_a_batch_that_would_replace_what_it_reads(
     for more in ([], ["--force"]):
         done = here("batch", name, "-o", out, "--workers", "1", *more)
         assert done.status == 2, done.err
-        assert "read by" in done.err or "is of no batch" in done.err
+        assert "read by" in done.err or "is not from a batch" in done.err
         assert _content(inside) == before
 
 

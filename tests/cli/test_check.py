@@ -172,7 +172,7 @@ def test_demo_reaches_its_function(
 ) -> None:
     demo = pytest.importorskip("fluidact_fit.demo")
 
-    def run_demo(directory: Path, echo: Callable[[str], None]) -> int:
+    def run_demo(directory: Path, echo: Callable[[str], None], **shown: object) -> int:
         echo(f"into {directory}")
         return 4
 
