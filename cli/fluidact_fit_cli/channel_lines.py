@@ -97,7 +97,7 @@ def _facts(column: Mapping[str, Any]) -> Iterator[str]:
 
 
 def troubles(column: Mapping[str, Any]) -> list[str]:
-    """What is wrong with a channel, or may be."""
+    """List what is or may be wrong with a channel."""
     found, unit = column["channel"], column["unit"] or ""
     invalid = column["invalid_cells"]
     out = [f"{invalid} invalid cell{'s' * (invalid > 1)}"] if invalid else []

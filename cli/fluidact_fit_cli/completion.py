@@ -1,4 +1,4 @@
-"""What a shell offers behind a half-written command, and the script that makes it ask.
+"""Completion of a partly typed command, and the shell scripts that ask for it.
 
 Every shell asks alike: it runs the program with ``VARIABLE`` set to its name and the line so far in
 ``COMP_LINE``, and reads a value, a tab and a description a line.
@@ -135,7 +135,7 @@ def _as_typed(value: str, incomplete: str, tail: str | None, shell: str) -> str:
 
 
 def values_of(option: str, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
-    """What an option ``KEY=VALUE`` may hold: roles or parameters, then headers or holds."""
+    """Complete an option ``KEY=VALUE``: roles or parameters, then headers or holds."""
     key, equals, _ = incomplete.partition("=")
     if option in _BY_ROLE and not equals:
         found = [(f"{role.name}=", role.description) for v in _variants(ctx) for role in v.roles]

@@ -35,7 +35,7 @@ class Invocation:
 
     @property
     def debug(self) -> bool:
-        """Whether tracebacks are wanted; known even when the line cannot be parsed."""
+        """Return whether tracebacks are wanted; known even when the line cannot be parsed."""
         given = self.args[: self.args.index("--")] if "--" in self.args else self.args
         return "--debug" in given
 

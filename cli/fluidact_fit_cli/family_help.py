@@ -103,7 +103,7 @@ def _option(option: FamilyOption) -> Option:
 
 
 def _type(option: FamilyOption) -> click.ParamType[Any]:
-    """How the text is parsed; what may be given is the option's own business."""
+    """Type by which the text is parsed; the option itself decides what may be given."""
     if option.kind == "choice":
         return click.Choice(option.choices)
     forms: dict[str, tuple[str, str, Callable[[str], Any]]] = {

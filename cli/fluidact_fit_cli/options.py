@@ -57,7 +57,7 @@ class Option(click.Option):
         self.group = group
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
-        """What a shell offers as the value."""
+        """Complete the value."""
         from .completion import values_of
 
         found = values_of(self.name or "", ctx, incomplete)

@@ -1,4 +1,4 @@
-"""What a run writes: checked before any work, rendered in memory, written whole."""
+"""Outputs of a run: checked before any work, rendered in memory, written whole."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class Program(click.Group):
         raise click.UsageError(f"there is no command {name!r}.{hint}\nCommands: {known}.", ctx)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
-        """What a shell offers as the command; imports none of them."""
+        """Complete the command name; imports none of them."""
         from click.shell_completion import CompletionItem
 
         titles = {name: family_title(name) for name in family_names()} | _COMMANDS

@@ -37,7 +37,7 @@ def _paths(params: Mapping[str, Any], names: Sequence[str]) -> list[str]:
 
 
 def _is_private(path: str) -> bool:
-    """Whether a path, or one of several that are merged, says where this machine keeps it."""
+    """True if a path, or one of several that are merged, says where this machine keeps it."""
     home = os.path.expanduser("~").strip("/\\")
     inside = f"/{home}/" in f"/{path.lstrip('/')}"
     return any(map(os.path.isabs, path.split("+"))) or inside or bool(_HOME.search(path))

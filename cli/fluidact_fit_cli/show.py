@@ -1,4 +1,4 @@
-"""What people see: lines, tables, numbers with their uncertainty, colour."""
+"""Output for people: lines, tables, numbers with their uncertainty, colour."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def drop(stream: TextIO | None) -> None:
 
 
 def is_terminal(stream: TextIO | None) -> bool:
-    """Whether people watch a stream that can move its cursor."""
+    """Return whether people watch a stream that can move its cursor."""
     return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
 
 

@@ -1,4 +1,4 @@
-"""Which families fit a log, what they would determine of it, and how to run them.
+"""Advice on a log: families that fit it, parameters they would determine, commands to run.
 
 Units say what a column can be, names what it is called, and a trial fit whether the log behaves so:
 its verdict and its refusals are those of the fit itself.
@@ -192,7 +192,7 @@ def suggest(
 
 
 def is_clear(found: Sequence[Suggestion]) -> bool:
-    """Whether the first suggestion is the one, without a question left."""
+    """Return whether the first suggestion is the one, without a question left."""
     if not found or found[0].verdict not in ("pass", "warn") or found[0].unsure:
         return False
     rivals = [s for s in found[1:] if s.verdict == found[0].verdict]
@@ -201,7 +201,7 @@ def is_clear(found: Sequence[Suggestion]) -> bool:
 
 
 def views_of(s: Suggestion, logs: Sequence[Log]) -> Views | None:
-    """What the input does to the output without a model, and the trial's model beside it."""
+    """Response of the output without a model, and that of the trial's model."""
     if s.result is not None:
         return view_fit(s.result)
     variant = get_family(s.family).variant(s.variant)
@@ -288,13 +288,13 @@ def _varies(column: Column) -> bool:
 
 
 def _alike(variant: Variant, taken: Mapping[str, Column]) -> bool:
-    """Whether roles of which only the ratio matters are in one quantity."""
+    """Return whether roles of which only the ratio matters are in one quantity."""
     units = [taken[r].unit or "1" for r in variant.alike if r in taken]
     return all(same_dimension(u, units[0]) for u in units)
 
 
 def _has_copy(columns: Sequence[Column], timeless: bool) -> bool:
-    """Whether one of several columns was computed from another: a family would fit the formula.
+    """True if one of several columns was computed from another: a family would fit the formula.
 
     A calibration may be a straight line of two columns, which is all that there is to fit.
     """
@@ -304,7 +304,7 @@ def _has_copy(columns: Sequence[Column], timeless: bool) -> bool:
 
 
 def _score(log: Log, role: Role, column: Column) -> float:
-    """How well a column suits a role by its unit and its name."""
+    """Score of a column for a role, by its unit and its name."""
     wanted = log.bindings.get(role.name)
     if wanted is not None:
         named = wanted in (f"#{column.index}", column.header, column.name)
@@ -454,7 +454,7 @@ def _tried(
 
 
 def _one_line(error: FluidactError) -> str:
-    """What was refused, and what would help, in the words of the command line."""
+    """Refusal and remedy in one line, in the words of the command line."""
     said = [error.what, error.expected.replace("Nothing was written.", ""), error.remedy]
     ended = (text if text.rstrip().endswith((".", ":")) else f"{text}." for text in said if text)
     return " ".join(" ".join(ended).split())
@@ -491,7 +491,7 @@ def column_options(s: Suggestion, log: Log) -> list[str]:
 
 
 def _given(log: Log) -> list[str]:
-    """What the user has said of a log, as options."""
+    """Options by which the user described a log."""
     out = []
     by_role = {"column": log.bindings, "unit": log.units, "scale": log.scales, "hold": log.holds}
     for option, values in by_role.items():

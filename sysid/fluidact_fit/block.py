@@ -1,4 +1,4 @@
-"""What a controller gets from a parameter file: one base for every family."""
+"""Interface of a loaded parameter file to controllers: one base for every family."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class Block(Presented, ABC):
 
     @property
     def input(self) -> Port | None:
-        """What drives the model: its first role with a hold, or the argument of a map.
+        """Input of the model: its first role with a hold, or the argument of a map.
 
         Roles that a log may lack drive nothing. ``None`` where nothing does.
         """
@@ -160,7 +160,7 @@ class Block(Presented, ABC):
 
     @property
     def output(self) -> Port:
-        """What the model gives."""
+        """Output of the model."""
         return self._port(self.variant.output)
 
     def _port(self, role: Role) -> Port:
@@ -200,7 +200,7 @@ class Block(Presented, ABC):
         return scalars(self.parameters)
 
     def outside(self, role: str, value: npt.ArrayLike) -> Any:
-        """Whether values lie outside the range that the data covered.
+        """Return whether values lie outside the range that the data covered.
 
         Parameters
         ----------

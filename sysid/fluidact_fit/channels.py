@@ -1,4 +1,4 @@
-"""What the channels of a log show before anything is fitted: each by itself, and each two.
+"""Facts about the channels of a log before a fit: each by itself, and each pair.
 
 Everything is in the unit of the column as recorded. A long record is looked at through the means
 of at most some hundred or thousand consecutive parts.
@@ -44,7 +44,7 @@ _FOLLOWS = 0.3  # correlation from which on two channels are worth a line
 
 @dataclass(frozen=True)
 class Channel:
-    """What one column shows by itself.
+    """Facts about one column.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Relation:
-    """What two columns show together.
+    """Facts about a pair of columns.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Relation:
 
 
 def describe_channels(log: Log) -> dict[int, Channel | None]:
-    """What each column of a log shows by itself, by its number."""
+    """Describe each column of a log, by its number."""
     longest = _longest_part(log)
     return {c.index: describe_channel(c, longest) for c in log.columns}
 
@@ -150,7 +150,7 @@ def _longest_part(log: Log) -> slice:
 
 
 def describe_channel(column: Column, run: slice = slice(None)) -> Channel | None:
-    """What a column shows by itself; ``None`` without two samples.
+    """Describe a column; ``None`` without two samples.
 
     Noise is looked for in the rows of one ``run``.
     """
@@ -262,7 +262,7 @@ def _longest_run(values: FloatArray) -> tuple[int, int]:
 
 
 def relate(columns: Sequence[Column]) -> list[Relation]:
-    """What each two of some columns show together: which leads, by how much, with which sign.
+    """Relate each pair of columns: which leads, by how much, with which sign.
 
     The lag is the shortest one at which their changes agree about as well as at any.
     """

@@ -1,4 +1,4 @@
-"""Whether a parameter file still describes a machine."""
+"""Check of a parameter file against new logs of its machine."""
 
 from __future__ import annotations
 

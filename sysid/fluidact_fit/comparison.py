@@ -72,12 +72,12 @@ class Together:
 
     @property
     def differs(self) -> bool:
-        """Whether chance does not explain it."""
+        """Return whether chance does not explain it."""
         return self.degrees > 0 and self.p_value < _DIFFERS
 
     @property
     def words(self) -> str:
-        """What was found, for people."""
+        """Describe the finding for people."""
         if not self.degrees:
             return f"{self.file}: nothing that both files estimated"
         verdict = "differs by more than chance" if self.differs else "does not differ beyond chance"
@@ -120,7 +120,7 @@ class Comparison:
 
     @property
     def conclusions(self) -> tuple[str, ...]:
-        """What all parameters of each file say together, for people."""
+        """Conclusions from all parameters of each file together."""
         scale = "Differences are in standard errors of the difference."
         return (scale, *(t.words for t in self.together))
 
@@ -196,7 +196,7 @@ def _holds_parameters(item: ParametersLike | LogLike) -> bool:
 
 
 def _name(item: ParametersLike | LogLike, number: int) -> str:
-    """What something is called: a file by its path, what has no name by its number."""
+    """Name of a compared item: the path of a file, or its number."""
     if isinstance(item, str | PathLike):
         return str(item)
     return str(getattr(item, "name", "") or f"#{number}")
@@ -352,7 +352,7 @@ class Recordings:
 
     @property
     def conclusions(self) -> tuple[str, ...]:
-        """Where the logs differ, for people."""
+        """Differences between the logs, for people."""
         if not self.findings:
             return ("nothing differs in columns, units, ranges and sampling",)
         files = [log["file"] for log in self.logs]
@@ -397,12 +397,12 @@ def compare_recordings(logs: Sequence[tuple[str, Log]]) -> Recordings:
 
 
 def column_key(column: Mapping[str, Any]) -> str:
-    """What a column is called: its name, or its number where it has none."""
+    """Name of a column, or its number where it has none."""
     return str(column["name"] or column["header"] or f"#{column['number']}").casefold()
 
 
 def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Where a log differs from the first one, in words."""
+    """Describe the differences between a log and the first one."""
     out = []
     name, before = other["file"], first["file"]
     if other["sha256"] == first["sha256"]:

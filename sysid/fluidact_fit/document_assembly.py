@@ -65,7 +65,7 @@ class FitContext:
 
     @cached_property
     def simulated(self) -> list[Simulated]:
-        """What it gives for the logs."""
+        """Simulated outputs for the logs."""
         return [run.simulated for run in self.solution.runs]
 
     @cached_property
@@ -77,7 +77,7 @@ class FitContext:
 
     @cached_property
     def examined(self) -> Examined:
-        """What the derivatives of the fit show; they themselves are not kept."""
+        """Examination by the derivatives of the fit; they themselves are not kept."""
         return examine(self.family, self.variant, self.solution, self.fitted, self.declared)
 
     @cached_property

@@ -145,7 +145,7 @@ def _listed(found: re.Match[str]) -> str:
 
 
 def _value(word: str, value: str) -> str:
-    """What a keyword takes: a pair or a step where the command line has a colon."""
+    """Convert the value of a keyword: a pair or a step where the command line has a colon."""
     found = _COLON.fullmatch(value)
     if found and word in ("bounds", "window", "rails") and not found[3]:
         return f"({found[1]}, {found[2]})"
@@ -249,7 +249,7 @@ class ControllerFileError(FluidactError):
 
 
 class ConsumerError(FluidactError):
-    """What a controller reads cannot be found out (exit status 3)."""
+    """The parameters that a controller reads cannot be determined (exit status 3)."""
 
     exit_status = 3
 

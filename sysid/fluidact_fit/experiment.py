@@ -20,14 +20,14 @@ Hold = Literal["zoh", "foh", "smooth", "auto"]
 
 
 def is_finite(values: FloatArray) -> bool:
-    """Whether all numbers of a record are finite; shape ``(n,)``."""
+    """Return whether all numbers of a record are finite; shape ``(n,)``."""
     return is_even(values) or all(
         bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0])
     )
 
 
 def where_finite(values: FloatArray) -> BoolArray:
-    """Which numbers of a record are finite, shape ``(n,)``; not to be written to."""
+    """Mask of the finite numbers of a record, shape ``(n,)``; read only."""
     # where all of them are, as nearly always, one entry stands for every one
     return np.broadcast_to(np.True_, values.shape) if is_finite(values) else np.isfinite(values)
 

@@ -47,7 +47,7 @@ OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 
 @dataclass(frozen=True)
 class Excitation:
-    """How the next experiment of a machine can be designed.
+    """Design of the next experiment of a machine.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class StaticView:
-    """What a picture of a static map shows: output over one quantity, without time.
+    """Content of a picture of a static map: output over one quantity, without time.
 
     Attributes
     ----------

@@ -66,7 +66,7 @@ class FileSet:
             self._known.setdefault(identity, about or os.fspath(path))
 
     def find(self, path: PathLike) -> str | None:
-        """What was said of the same file when it was added; ``None`` when it was not."""
+        """Return the entry added for the same file; ``None`` if there is none."""
         return next((self._known[i] for i in self._identities(path) if i in self._known), None)
 
     def _identities(self, path: PathLike) -> Iterator[Hashable]:
@@ -135,7 +135,7 @@ def refuse_outputs(outputs: Iterable[tuple[str, str]], inputs: Iterable[PathLike
 
 
 def is_irregular(path: PathLike) -> bool:
-    """Whether a path leads to what cannot be replaced: a device, a pipe, a loop of links.
+    """Return whether a path leads to what cannot be replaced: a device, a pipe, a loop of links.
 
     The null device may be written to, and a directory is somebody else's to refuse.
     """

@@ -213,7 +213,7 @@ def _ends(window: Window) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Opened:
-    """What is fitted, the logs that it is judged by, their files, and what is said of them."""
+    """Experiments to fit, logs that judge the fit, their files, and notices about them."""
 
     variant: Variant
     experiments: list[Experiment]
@@ -428,7 +428,7 @@ def _without_outliers(found: FitContext) -> FitContext:
 
 @contextmanager
 def _naming_placeholders(notices: Sequence[Notice]) -> Iterator[None]:
-    """Where nothing can be determined, values that were hardly measured are named first."""
+    """Name values that were hardly measured first, where nothing can be determined."""
     try:
         yield
     except NotIdentifiedError as error:
@@ -443,7 +443,7 @@ def _naming_placeholders(notices: Sequence[Notice]) -> Iterator[None]:
 
 @contextmanager
 def _blaming_the_numbers() -> Iterator[None]:
-    """Where the arithmetic fails, or a result is not finite, it is for numbers that make it so."""
+    """Blame the numbers where the arithmetic fails or a result is not finite."""
     try:
         yield
     except (

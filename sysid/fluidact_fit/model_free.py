@@ -21,7 +21,7 @@ from .spectra import CrossCorrelation, FrequencyResponse, cross_correlation, fre
 
 @dataclass(frozen=True)
 class Views:
-    """What one input does to the output.
+    """Response of the output to one input.
 
     Attributes
     ----------

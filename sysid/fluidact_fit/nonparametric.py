@@ -39,7 +39,7 @@ Runs = Sequence[tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Recipe:
-    """What was settled for an estimate: with it, taps are linear in the output."""
+    """Settled choices of an estimate: with them, taps are linear in the output."""
 
     thin: int
     stride: int
@@ -159,7 +159,7 @@ def _means(values: FloatArray, size: int) -> FloatArray:
 
 
 def _has_settled(found: ImpulseResponse) -> bool:
-    """Whether the last fifth of the taps adds nothing to the step response."""
+    """Return whether the last fifth of the taps adds nothing to the step response."""
     total, _ = found.step_response
     last = max(total.size // 5, 1)
     return abs(float(total[-1] - total[-last])) <= _SETTLED * float(np.abs(total).max())

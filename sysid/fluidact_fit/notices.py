@@ -17,7 +17,7 @@ Severity = Literal["information", "warning"]
 
 @dataclass(frozen=True)
 class Code:
-    """What a warning code stands for.
+    """Meaning of a warning code.
 
     Attributes
     ----------
@@ -472,7 +472,7 @@ CODES: Mapping[str, Code] = MappingProxyType(
 
 
 def is_information(code: str) -> bool:
-    """Whether a notice of this code leaves the verdict as it is.
+    """Return whether a notice of this code leaves the verdict as it is.
 
     Raises
     ------

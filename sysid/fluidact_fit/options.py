@@ -89,7 +89,7 @@ class Option:
 
     @property
     def expected(self) -> str:
-        """What may be given, in words."""
+        """Describe the accepted values."""
         if self.kind == "choice":
             return "one of " + ", ".join(self.choices)
         words = [self.form or _FORMS[self.kind]]
@@ -195,7 +195,7 @@ def interval(*, help: str, unit: str = "") -> Any:
 
 
 def settled(kind: Kind, help: str, **limits: Any) -> Any:
-    """What no user gives: the fit finds it and the file holds it."""
+    """Declare an option that no user gives: the fit finds it and the file holds it."""
     return _field(kind, help, None, settled=True, **limits)
 
 

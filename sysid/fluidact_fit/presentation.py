@@ -1,4 +1,4 @@
-"""What a finished fit and a loaded model say of themselves alike, from their document."""
+"""Presentation that a finished fit and a loaded model share, from their document."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class _Row(NamedTuple):
 
 
 class Presented:
-    """What shows the ``document`` of a ``variant``: a table, a summary, draws.
+    """Views of the ``document`` of a ``variant``: a table, a summary, draws.
 
     ``table()`` and ``summary()`` are for people, ``to_dataframe()`` and ``draws()`` for programs;
     a notebook shows the object itself as ``summary()`` says it.
@@ -225,7 +225,7 @@ def _notices(document: ParameterDocument) -> list[tuple[str, str, str]]:
 
 
 def _reasons(document: ParameterDocument) -> dict[str, str]:
-    """Why parameters were not identified, by name."""
+    """Reasons why parameters were not identified, by name."""
     said = [w.message for w in document.warnings if w.code == "not-identified"]
     lost = [n for n, p in document.parameters.items() if p.status == "not_identified"]
     return {n: in_python(next((m for m in said if m.startswith(f"{n} ")), "")) for n in lost}

@@ -1,4 +1,4 @@
-"""How the logs of a parameter file were read, for logs that are checked and simulated with it."""
+"""Reading options of a parameter file's logs, for logs that are checked and simulated with it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
 
 
 def _turns(log: Log, columns: Mapping[str, Column]) -> dict[str, float]:
-    """What the columns of a log begin again after where they are those of the file."""
+    """Counter ranges of the columns of a log, where they are those of the file."""
     out = {}
     for role, entry in columns.items():
         named = log.bindings.get(role, entry.header or "")

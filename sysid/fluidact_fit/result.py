@@ -1,4 +1,4 @@
-"""What a fit returns: numbers, curves, pictures, and the document that becomes a file."""
+"""Result of a fit: numbers, curves, pictures, and the document that becomes a file."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class FitResult(Outcome):
 
     @cached_property
     def model(self) -> Block:
-        """What a controller runs, as :func:`.load` gives it from the file that is saved.
+        """Model for a controller, as :func:`.load` returns it from the saved file.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class FitResult(Outcome):
 
 
 def _are_samples(given: Any) -> bool:
-    """Whether something is samples of one signal, and no log."""
+    """Return whether something is samples of one signal, and no log."""
     if isinstance(given, list | tuple):
         return bool(given) and all(isinstance(value, Real) for value in given)
     named = getattr(getattr(given, "dtype", None), "names", None)

@@ -33,22 +33,22 @@ def blocks(rows: int) -> Iterator[slice]:
 
 
 def is_long(rows: int) -> bool:
-    """Whether a record is too long for what can be made again to be kept."""
+    """Return whether a record is too long for what can be made again to be kept."""
     return rows > LONG
 
 
 def may_keep(numbers: int) -> bool:
-    """Whether a table of that many numbers may be kept although it can be made again."""
+    """Return whether a table of that many numbers may be kept although it can be made again."""
     return numbers <= MOST_KEPT
 
 
 def may_keep_aside(numbers: int) -> bool:
-    """Whether so many may be kept that are made again nearly as fast."""
+    """Return whether so many may be kept that are made again nearly as fast."""
     return numbers <= FEW_KEPT
 
 
 class Rows(NDArrayOperatorsMixin):
-    """What stands for an array of many rows.
+    """Stand-in for an array of many rows.
 
     ``cut(begin, end)`` makes some consecutive rows. A slice of few rows is an array, one of many
     stands for them in turn; a single row, or some columns, are as of an array.
@@ -118,7 +118,7 @@ class Rows(NDArrayOperatorsMixin):
         return stand_in(Rows(shape, lambda a, b: self.cut(begin + a, begin + b), self.dtype))
 
     def mapped(self, change: Callable[[Array], Array]) -> Array:
-        """What becomes of the rows; ``change`` takes and returns rows."""
+        """Return the rows after ``change``, which takes and returns rows."""
         one = change(self.cut(0, min(1, len(self))))
         shape = (len(self), *one.shape[1:])
         return stand_in(Rows(shape, lambda a, b: change(self.cut(a, b)), one.dtype))
@@ -173,17 +173,17 @@ def stand_in(rows: Rows) -> Array:
 
 
 def is_kept(values: Array) -> bool:
-    """Whether an array is one."""
+    """Return whether an array is one."""
     return not isinstance(values, Rows)
 
 
 def remembered(values: Array) -> dict[str, Any]:
-    """What was computed of all rows of what is not kept, to be added to."""
+    """Return the cache of what was computed over all rows of an array that is not kept."""
     return cast("Rows", values).known
 
 
 def is_even(values: Array) -> bool:
-    """Whether values stand for an arithmetic sequence."""
+    """Return whether values stand for an arithmetic sequence."""
     return isinstance(values, _Even)
 
 
@@ -212,7 +212,7 @@ def counted(begin: int, end: int) -> npt.NDArray[np.integer[Any]]:
 
 
 def by_rows(change: Callable[..., Array], *tables: Array) -> Array:
-    """What becomes of tables of as many rows each, row by row; of long ones it is not kept.
+    """Apply a function row by row to tables of equal length; results of long ones are not kept.
 
     It is an array where all tables are arrays, unless they are longer than what is kept.
     """
@@ -262,7 +262,7 @@ class Streamed:
 
 
 def is_repeated(values: Array) -> bool:
-    """Whether an array stands for one row again and again."""
+    """Return whether an array stands for one row again and again."""
     return values.shape[0] > 1 and values.strides[0] == 0
 
 

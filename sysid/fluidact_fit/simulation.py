@@ -1,4 +1,4 @@
-"""What a parameter file predicts, for a log or for inputs that step."""
+"""Predictions of a parameter file, for a log or for inputs that step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a family needs and gives, as plain data: roles, parameters, values with uncertainty.
+"""Needs and results of a family as plain data: roles, parameters, values with uncertainty.
 
 Below everything else, so that the parameter file and the families speak of the same things
 without knowing each other.
@@ -201,7 +201,7 @@ class Plant(Generic[ReadT]):
 
 @dataclass(frozen=True)
 class Request(Generic[ReadT]):
-    """What the user chose: everything of a fit that is not data.
+    """Choices of the user: everything of a fit that is not data.
 
     ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name; ``noise`` is the
     standard deviation of white noise on measured inputs, in SI and keyed by role.
@@ -250,7 +250,7 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the model gives for one run.
+    """Output of the model for one run.
 
     Attributes
     ----------
@@ -330,7 +330,7 @@ class Information:
 
 
 class Described(Protocol):
-    """What a reader of parameter files has to know about a family."""
+    """Facts about a family that a reader of parameter files needs."""
 
     name: str
     title: str

@@ -241,7 +241,7 @@ def _structures(
 
 @dataclass(frozen=True)
 class _Trial:
-    """What all fits of a comparison have in common."""
+    """Common part of all fits of a comparison."""
 
     family: str
     logs: Sequence[Log]
@@ -299,7 +299,7 @@ def _raise_what_all_have(found: Sequence[FitResult | _Refusal]) -> None:
 
 
 def _folds(logs: Sequence[Log], found: FitResult) -> tuple[list[_Fold], str]:
-    """What is fitted and what is held out, and in words how that was chosen."""
+    """Split of the logs into fitted and held out, and a description of the choice."""
     if len(logs) > 1:
         groups = np.array_split(np.arange(len(logs)), min(len(logs), _GROUPS))
         folds: list[_Fold] = [

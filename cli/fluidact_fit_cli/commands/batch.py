@@ -155,7 +155,7 @@ def _check_folder(folder: Path, force: bool) -> None:
 
 @contextmanager
 def _pool(params: Any, progress: Progress) -> Iterator[Pool]:
-    """Where the jobs run."""
+    """Pool in which the jobs run."""
     from fluidact_fit.batch.cluster import dask_pool
     from fluidact_fit.batch.pools import LocalPool
 

@@ -30,7 +30,7 @@ _SHORT = re.compile("-[fqv]*[oh]")  # -o or -h, behind others as in -qo as well
 
 
 def asked_by(job: Job) -> Asked:
-    """What the options of a job say of files; nothing where they cannot be read."""
+    """Files that the options of a job name; none if they cannot be read."""
     return _asked(job.family, job.options)
 
 
@@ -111,7 +111,7 @@ def _number(entry: dict[str, Any]) -> Number:
 
 
 def _table(document: dict[str, Any]) -> str:
-    """What the fit would have shown on standard output."""
+    """Table that the fit would have shown on standard output."""
     if not document:
         return ""
     shown = io.StringIO()

@@ -105,7 +105,7 @@ def make_command(name: str) -> click.Command:
 
 
 def output_options(name: str) -> list[click.Parameter]:
-    """What a fit writes, and where."""
+    """Outputs of a fit, and their destinations."""
     group = "Output"
     return [
         Option(["--output", "-o"], metavar="FILE", group=group,

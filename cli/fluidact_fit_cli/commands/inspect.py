@@ -123,12 +123,12 @@ def _pictures(
 
 
 def _beside(path: Path) -> Path:
-    """Where the picture of the responses goes: ``a.png`` has it in ``a-responses.png``."""
+    """Path of the picture of the responses: ``a-responses.png`` for ``a.png``."""
     return path.with_name(f"{path.stem}-responses{path.suffix}")
 
 
 def _description(log: Log, family: str | None) -> dict[str, Any]:
-    """What the file holds and what its channels show, as plain data."""
+    """Describe the file and its channels as plain data."""
     from fluidact_fit.channels import describe_channels, relate
     from fluidact_fit.logs import describe
 

@@ -1,4 +1,4 @@
-"""How far a finished fit can be trusted: what the residuals show, and the verdict."""
+"""Assessment of a finished fit: tests of its residuals, and the verdict."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Products:
 
     @property
     def finite(self) -> bool:
-        """Whether all numbers are."""
+        """Return whether all numbers are."""
         return all(bool(np.isfinite(x).all()) for x in (self.recorded, *self.added))
 
     @cached_property
@@ -68,12 +68,12 @@ class Products:
 
     @property
     def weak(self) -> bool:
-        """Whether nothing can be said of some direction of the columns for the noise."""
+        """Return whether nothing can be said of some direction of the columns for the noise."""
         return self._left[1]
 
     @cached_property
     def triangle(self) -> FloatArray:
-        """What a triangular decomposition of all columns without the noise would be."""
+        """Triangular decomposition of all columns, as it would be without the noise."""
         clean = self.recorded - np.mean(self.added, axis=0)
         clean[:-1, :-1], clean[-1, -1] = self._left[0], self.recorded[-1, -1]
         size = np.sqrt(np.maximum(np.diag(clean), np.finfo(float).tiny))
@@ -99,7 +99,7 @@ class Products:
 
 @dataclass(frozen=True)
 class CorrectedScore:
-    """How the series of a fit with noisy inputs belong together.
+    """Corrected score of a fit with noisy inputs, and how its series belong together.
 
     The first ones are those of the recording, as many as there are ``filters``; then come those
     of the copies, each with a draw of the noise added.
@@ -219,7 +219,7 @@ def whitened(at: Optimum) -> Optimum:
 
 
 def _filters(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[Whitening]:
-    """What whitens the residual of every run, whose inputs carry noise such as the draws."""
+    """Filters that whiten the residual of every run whose inputs carry noise such as the draws."""
     return make_filters(_response(at, draws), at.residuals)
 
 
@@ -241,7 +241,7 @@ def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:
 
 
 def _response(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[FloatArray]:
-    """What every draw of the noise makes of the output, from rest."""
+    """Response of the output to every draw of the noise, from rest."""
     output, count = at.variant.output.name, len(at.experiments)
     runs = [*at.experiments, *(run for draw in draws for run in draw)]
     # what is not compared with a record begins at rest

@@ -96,7 +96,7 @@ def examine(
 
 
 def _examine_derivatives(at: Optimum, add: Any) -> list[Outlier] | None:
-    """What the derivatives of the fit show; samples to set aside."""
+    """Examine the derivatives of the fit; return the samples to exclude."""
     influence = measure_influence(at.jacobians, at.residuals, at.errors)
     add("influence", find_deciding_samples(at, influence))
     for name, test in _EXAMINATIONS.items():

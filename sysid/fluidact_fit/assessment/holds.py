@@ -34,7 +34,7 @@ _WORDS: dict[Hold, str] = {
 
 @dataclass(frozen=True)
 class _Shift:
-    """How another hold would change the parameters, as the file tells it.
+    """Change of the parameters under another hold, as the file tells it.
 
     ``evidence`` is the change of the negative log-likelihood, ``left`` the root mean square of the
     residual in parts of the present one.
@@ -77,7 +77,7 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
 
 
 def _explains_forces(at: Optimum, t: _Shift) -> bool:
-    """Whether another hold explains what is not noise.
+    """Return whether another hold explains what is not noise.
 
     Where more was compared than the output the residual holds forces as well: it has to shrink,
     with every parameter in its range.
@@ -87,7 +87,7 @@ def _explains_forces(at: Optimum, t: _Shift) -> bool:
 
 
 def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:
-    """What fits best is named: whoever follows the advice is not told the next one.
+    """Return the hold that fits best, so that following the advice does not lead to the next one.
 
     Of two that fit alike it is the one that the samples look like.
     """
@@ -173,7 +173,7 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
 
 
 def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> bool:
-    """Whether an input does not look like what it is taken for.
+    """Return whether an input does not look like what it is taken for.
 
     What moves little in a sample was measured while it moved: when a jump of a measured signal
     took place between two samples no data can tell. A command is held from one sample to the

@@ -1,4 +1,4 @@
-"""How many independent samples are the data worth?
+"""Number of independent samples that the data are worth.
 
 What blocks of rows contribute to the estimate shows errors that change slowly [1]_; the strongest
 autocorrelation that the restricted likelihood [2]_ does not rule out shows how many independent
@@ -39,7 +39,7 @@ _NOT_RULED_OUT = 2.7  # twice the loss of log-likelihood of a value that a 95 % 
 
 
 def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """How many independent samples the residuals are worth, and a warning where they are few."""
+    """Return the number of independent samples in the residuals, and a warning if they are few."""
     at = whitened(at)
     slow, said = _find_slow_errors(at)
     entry, few = _count_independent(at)
@@ -69,7 +69,7 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 def wider_by_blocks(
     jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], errors: FloatArray
 ) -> FloatArray:
-    """How many times wider contributions of blocks scatter, 0 where no more than chance.
+    """Return the factor by which contributions of blocks scatter more widely, 0 if by chance only.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _contribution(
 
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """How many independent samples would show the size of the errors as well."""
+    """Number of independent samples that would show the size of the errors as well."""
     independent, unknowns = at.solution.noise.independent, len(at.names)
     if not np.isfinite(independent):
         return {}, []

@@ -38,7 +38,7 @@ _MOST = 100  # outliers: more are not few
 
 @dataclass(frozen=True)
 class Effect:
-    """What one sample does to the estimate.
+    """Effect of one sample on the estimate.
 
     Attributes
     ----------
@@ -62,19 +62,19 @@ class Effect:
 
     @property
     def deciding(self) -> bool:
-        """Whether the result hangs on it."""
+        """Return whether the result hangs on it."""
         return abs(self.errors) > (policy.ODD_MOVES if self.odd else policy.ANY_MOVES)
 
     @property
     def outlying(self) -> bool:
-        """Whether no model near this one explains it: it is odd, and decides or lies far off."""
+        """True if no model near this one explains it: it is odd, and decides or lies far off."""
         far = abs(self.deviations) > policy.FAR
         return self.odd and (abs(self.errors) > policy.ODD_MOVES or far)
 
 
 @dataclass(frozen=True)
 class Influence:
-    """What the samples do to the estimate.
+    """Effects of the samples on the estimate.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Influence:
 def measure_influence(
     jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], known: FloatArray
 ) -> Influence | None:
-    """What every sample does to the estimate; ``None`` where too few of them tell.
+    """Measure the effect of every sample on the estimate; ``None`` if there are too few.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def find_deciding_samples(
 
 
 def _matters(at: Optimum, e: Effect) -> bool:
-    """Whether a sample moves a parameter by more than any bench is worth."""
+    """Return whether a sample moves a parameter by more than any bench is worth."""
     moved = abs(e.errors) * float(at.errors[e.parameter])
     return moved > policy.LEAST * abs(at.number(at.names[e.parameter]))
 
@@ -267,12 +267,12 @@ def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | N
 
 
 def most_outliers(samples: int) -> int:
-    """How many of that many samples can be outliers."""
+    """Largest number of that many samples that can be outliers."""
     return int(min(_MOST, max(3, policy.OUTLIER_SHARE * samples)))
 
 
 def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
-    """Whether each has few odd samples beside it, and no input jumped there."""
+    """Return whether each has few odd samples beside it, and no input jumped there."""
     for series in {e.series for e in found}:
         s, odd = at.series[series], influence.odd[series]
         if np.any(odd[_WIDE:] - odd[:-_WIDE] == _WIDE):  # more in a row than that

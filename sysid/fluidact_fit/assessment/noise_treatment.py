@@ -27,7 +27,7 @@ _NEARBY = 12, 24  # rows; farther than a velocity is computed from
 
 @dataclass(frozen=True)
 class TermRegression:
-    """What the residual asks for.
+    """Regression of the residual on the parameters and one more column.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class AugmentedJacobian:
 
     @cached_property
     def _means(self) -> list[FloatArray]:
-        """What is taken from the columns of every series."""
+        """Means removed from the columns of every series."""
         out = []
         for k, (r, free) in enumerate(zip(self.residuals, self.free, strict=True)):
             sums = (self._raw(k, at).sum(axis=0) for at in blocks(r.size)) if free else ()
@@ -137,7 +137,7 @@ class AugmentedJacobian:
 
     @property
     def finite(self) -> bool:
-        """Whether all numbers are."""
+        """Return whether all numbers are."""
         try:
             return all(np.isfinite(x).all() for x in self._plain)
         except np.linalg.LinAlgError:

@@ -196,7 +196,7 @@ class Optimum:
         experiments: Sequence[Experiment] | None = None,
         plant: Plant[FamilyOptions] | None = None,
     ) -> list[FloatArray]:
-        """What slightly other inputs, values or options add to the model, as the residuals are."""
+        """Change of the model by slightly other inputs, values or options, as the residuals are."""
         found = self.solution.simulate_near(plant or self.plant, experiments or self.experiments)
         return self.columns([
             _channel(found[s.run], s.role) - s.simulated for s in self.series
@@ -214,13 +214,13 @@ class Optimum:
 
     @property
     def measured(self) -> list[FloatArray]:
-        """What was measured of every series, as the residuals are, shape ``(n_i,)``."""
+        """Measurements of every series, scaled as the residuals, shape ``(n_i,)``."""
         return [
             r + all_of(s.simulated, s.used) / s.scale for s, r in zip(self.series, self.residuals)
         ]
 
     def is_less_certain(self, times: float) -> bool:
-        """Whether some parameter is, than if the residuals were white, by so many times."""
+        """Return whether some parameter is, than if the residuals were white, by so many times."""
         white = covariance(self.jacobians, self.residuals, robust=False).covariance
         return bool(np.any(self.errors > times * np.sqrt(np.diag(white))))
 
@@ -271,7 +271,7 @@ class Optimum:
         return [c / step for c in columns], [c / step for c in instruments]
 
     def _instruments(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
-        """What slightly other values add to the model with what stands in for noisy inputs."""
+        """Return what slightly other values add to the model with instruments for noisy inputs."""
         simulate = self.solution.noise.simulate_instruments if self.instruments else None
         if simulate is None:
             return []
@@ -285,7 +285,7 @@ class Optimum:
         return after_number(self.solution.parameters[name.partition("[")[0]].unit)
 
     def place(self, series: int, row: int) -> str:
-        """Where a used sample stands: log, instant or number, and channel if there are more."""
+        """Describe the place of a used sample: log, instant or number, and channel if several."""
         s = self.series[series]
         k = int(np.flatnonzero(s.used)[row])
         e, of = s.experiment, f" of {s.role}" if len(self.roles) > 1 else ""

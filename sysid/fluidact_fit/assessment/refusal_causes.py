@@ -1,4 +1,4 @@
-"""What a recording shows that may be why it determines nothing: named before any parameter.
+"""Causes in a recording why it determines nothing: named before any parameter.
 
 Only a refused fit is asked: each of these also occurs in a recording that is right.
 """
@@ -39,7 +39,7 @@ _BEYOND = 1.1  # times its range, over which a counter goes on
 
 @dataclass(frozen=True)
 class Cause:
-    """What stands before the words of a refusal, and the remedy in place of its own."""
+    """Cause that precedes the words of a refusal, and the remedy that replaces its own."""
 
     words: str
     remedy: str
@@ -100,7 +100,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
 
 
 def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    """Whether the changes of an input follow those of the output instead of preceding them."""
+    """True if the changes of an input follow those of the output instead of preceding them."""
     ahead, behind, least = 0.0, 0.0, 0.0
     for e in runs:
         if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
@@ -113,7 +113,7 @@ def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
 
 
 def leads(first: FloatArray, second: FloatArray) -> bool | None:
-    """Whether the changes of one signal precede those of another; ``None`` where none does.
+    """Return whether the changes of one signal precede those of another; ``None`` where none does.
 
     By the shortest lag at which they agree about as well as at any: what a signal does again agrees
     at others, too.
@@ -187,7 +187,7 @@ def direction(u: FloatArray, y: FloatArray) -> int:
 
 
 def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
-    """How many times as much an output answers to one sign of its input as to the other.
+    """Ratio of the responses of an output to both signs of its input.
 
     Means of large inputs of either sign, against the output without input; 1 where there is none.
     """
@@ -208,7 +208,7 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 
 
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    """Whether the output is the input at the very same sample, but for a factor and noise."""
+    """True if the output is the input at the very same sample, but for a factor and noise."""
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
     both = [(u, y) for u, y in both if u.size == y.size >= _LEAST and np.ptp(u) > 0.0]
     return bool(both) and all(

@@ -1,4 +1,4 @@
-"""What residuals show by themselves: noise or model error, channels missed, feedback."""
+"""Tests of residuals by themselves: noise or model error, missed channels, feedback."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _is_feedback(future: FloatArray, past: FloatArray, count: int) -> bool:
 def _answers_at_once(
     solution: Solution[FamilyOptions], fitted: Sequence[Simulation], role: str
 ) -> bool:
-    """Whether the model answers an input within the sample."""
+    """Return whether the model answers an input within the sample."""
     s = max(fitted, key=lambda one: one.experiment.samples)
     values, k = s.experiment[role], s.experiment.samples // 2
     other = values.copy()

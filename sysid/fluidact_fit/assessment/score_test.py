@@ -49,7 +49,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 @dataclass(frozen=True)
 class Score:
-    """What adding a term would do.
+    """Effect of adding a term.
 
     ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
     ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
@@ -78,7 +78,7 @@ class Score:
 
     @property
     def significant(self) -> bool:
-        """Whether the term is there, and matters."""
+        """Return whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least
         there = abs(self.deviations) > self.needed
         return possible and there and abs(self.errors) > _needed_move(self.term, self.deviations)

@@ -1,4 +1,4 @@
-"""What rests on numbers that were given, held or assumed, and not measured.
+"""Dependence of the result on numbers that were given, held or assumed, and not measured.
 
 A mass from a data sheet, a value that was fixed, and the assumption that all channels were read at
 the same instant enter the estimate like data, without a standard error; so does the neutral value
@@ -26,7 +26,7 @@ _PERCENT = 0.01
 
 
 def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """What an error of every given number would do, for the file; it is no fault of the fit.
+    """Effect of an error in every given number, for the file; it is no fault of the fit.
 
     An entry has the parameter that would move most, its ``shift`` and that in its standard
     errors, and in how many standard errors the residual would show it.
@@ -65,7 +65,7 @@ def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
 
 
 def _reliance(at: Optimum, columns: Sequence[FloatArray], more: float) -> dict[str, Any]:
-    """How the parameters make up for a change of the output, and what is left of it."""
+    """Return how the parameters compensate for a change of the output, and what remains of it."""
     found = at.regress(columns)
     if found is None:
         return {}

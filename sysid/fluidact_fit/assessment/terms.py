@@ -94,14 +94,14 @@ class Term:
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
-    """What changes from one log to another, or on the way: judged over whole logs."""
+    """Yield terms that change between logs or within one: judged over whole logs."""
     yield from _levels(at)
     for role in at.roles:
         yield _drift(at, role)
 
 
 def terms_at_any_time(at: Optimum) -> Iterator[Term]:
-    """What is always there: parameters and effects of the family, delays, lags, shapes."""
+    """Yield terms that are always there: parameters and effects of the family, lags, shapes."""
     yield from _parameters(at)
     yield from _effects(at)
     if not all(e.time.size for e in at.experiments):
@@ -190,7 +190,7 @@ def _parameters(at: Optimum) -> Iterator[Term]:
 
 
 def _effects(at: Optimum) -> Iterator[Term]:
-    """What a machine of this family may do that no parameter stands for.
+    """Yield effects of a machine of this family that no parameter describes.
 
     One of several directions, such as initial states, is judged by the one that the residual
     chooses.
@@ -237,7 +237,7 @@ def _impossible(name: str, value: float, unit: str) -> str:
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:
-    """What another value of a parameter would be."""
+    """Describe another value of a parameter."""
     if not spec.minimum <= value + change <= spec.maximum:
         return _impossible(spec.name, value + change, spec.unit)
     return (
@@ -246,7 +246,7 @@ def _instead(spec: ParameterSpec, value: float, change: float) -> str:
 
 
 def _apart(spec: ParameterSpec, change: float) -> str:
-    """How far a parameter is from the one that stood for it, which moves too."""
+    """Describe the distance of a parameter from the one that stood for it, which moves too."""
     side = "above" if change > 0.0 else "below"
     return f"{spec.name} is {abs(change):.3g}{after_number(spec.unit)} {side} {spec.general}"
 
@@ -443,7 +443,7 @@ def _raised(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
 def _change(
     at: Optimum, role: str, other: Callable[[FloatArray], FloatArray], size: float
 ) -> list[FloatArray] | None:
-    """What another reading of an input changes, per unit of its size."""
+    """Return the change by another reading of an input, per unit of its size."""
     found = at.change([e.with_readings(role, other(e[role])) for e in at.experiments])
     if not root_mean_square(found) > 1e-12 * at.sigma:
         return None

@@ -1,4 +1,4 @@
-"""What verdict a fit deserves, and why."""
+"""Verdict on a fit, and its reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where jobs run beyond this machine: the workers of a Dask scheduler.
+"""Workers of a Dask scheduler, for jobs beyond this machine.
 
 Schedulers and workers go away. Whoever waits for them is told, and is not kept waiting for ever:
 what is finished stands in the journal, and the same command goes on from there.

@@ -138,7 +138,7 @@ def _check(body: bytes) -> str:
 
 
 def _entry(line: bytes) -> Outcome | set[str] | None:
-    """What a line says; ``None`` for one that is damaged, or not of the types it should be."""
+    """Parse a line; ``None`` for one that is damaged, or not of the types it should be."""
     body, found, check = line.rpartition(_CHECK)
     if not found or check != _check(body).encode() + b'"}':
         return None

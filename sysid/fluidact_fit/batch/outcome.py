@@ -1,4 +1,4 @@
-"""What a job is to whoever runs it, and what came of it."""
+"""A job as seen by whoever runs it, and its outcome."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a job.
+    """Outcome of a job.
 
     ``parameters`` map names to ``value``, ``std_error``, ``unit`` and ``status`` as in the
     parameter file; ``warnings`` are codes; ``reason`` is what was found, without where;

@@ -1,4 +1,4 @@
-"""Where jobs run: processes of this machine. Others are in :mod:`.cluster`.
+"""Processes of this machine that run jobs. Others are in :mod:`.cluster`.
 
 A pool runs a function over tasks and gives the outcomes as they come. What was running in a
 process that died is run again; a task that takes its process with it is given up.

@@ -116,7 +116,7 @@ class _Work:
         self.changed: list[str] = []
 
     def is_finished(self, task: Task) -> bool:
-        """Whether a job has ended for good, and its files are those that it wrote."""
+        """Return whether a job has ended for good, and its files are those that it wrote."""
         before = self.journal.outcomes.get(task.job)
         if before is None or before.key != task.key or not before.lasting:
             return False
@@ -221,7 +221,7 @@ def _content(path: Path) -> bytes:
 
 
 class _Clock:
-    """How far a batch is, and when it will be done."""
+    """Progress of a batch, and when it will be done."""
 
     def __init__(self, left: int, before: int) -> None:
         self.left, self.done, self.before = left, 0, before

@@ -1,4 +1,4 @@
-"""What came of a batch, as a table and as a page."""
+"""Summary of a batch, as a table and as a page."""
 
 from __future__ import annotations
 

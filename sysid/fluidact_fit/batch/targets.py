@@ -18,7 +18,7 @@ SUMMARY = ("summary.csv", "summary.parquet", "index.html")
 
 @dataclass(frozen=True)
 class Asked:
-    """What the options of a job say of files.
+    """Files that the options of a job name.
 
     ``files`` are those to be written beside the parameter file, by option; ``replace`` says that
     files of anybody may be replaced.
@@ -33,7 +33,7 @@ AskedBy = Callable[[Job], Asked]
 
 @dataclass(frozen=True)
 class Targets:
-    """What a job writes, and why it must not.
+    """Files that a job writes, and reasons why it must not.
 
     Attributes
     ----------

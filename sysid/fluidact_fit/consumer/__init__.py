@@ -1,4 +1,4 @@
-"""What a controller reads, compared with what a parameter file holds."""
+"""Comparison of the parameters in a controller's source with those of a parameter file."""
 
 from .compare import Comparison, Row, compare
 from .read import Key, hashes_in, read_consumer

@@ -53,7 +53,7 @@ class Named(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Where a name stands, where its declaration ends, and whether it is a fractional constant."""
+    """Position of a name, end of its declaration, and whether it is a fractional constant."""
 
     start: int
     end: int
@@ -128,7 +128,7 @@ class _Units:
 
 
 class _Lexeme(NamedTuple):
-    """Where a comment or a text in quotes begins and ends."""
+    """Extent of a comment or of a quoted text."""
 
     start: int
     end: int

@@ -68,12 +68,12 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether the controller reads every parameter, nothing else, in its unit and value."""
+        """True if the controller reads every parameter, nothing else, in its unit and value."""
         return not self.reasons
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is wrong, one sentence for each key."""
+        """Problems, one sentence for each key."""
         return tuple(filter(None, (self.stale, *(row.message for row in self.rows))))
 
     def to_dict(self) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def _plain(name: str) -> str:
 
 
 def _shared_prefixes(keys: Sequence[Key]) -> Iterator[str]:
-    """What all keys begin with, and the ``k`` of constants such as ``kGain``."""
+    """Prefixes that all keys share, and the ``k`` of constants such as ``kGain``."""
     names = sorted(_plain(key.name).split("_") for key in keys if key.surely)
     if len(names) > 1:
         both = takewhile(lambda words: words[0] == words[1], zip(names[0], names[-1]))

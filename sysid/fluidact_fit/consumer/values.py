@@ -49,7 +49,7 @@ def literals_in(text: str) -> list[Literal] | None:
 
 
 def is_computed(text: str) -> bool:
-    """Whether a value holds numbers of its own that are not its value."""
+    """Return whether a value holds numbers of its own that are not its value."""
     return literals_in(text) is None and _DIGIT.search(text) is not None
 
 

@@ -45,7 +45,7 @@ _TRAVEL = {"m": 0.025}  # of triangles, sines and insertions, where it is not th
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """What came of a closed-loop simulation.
+    """Result of a closed-loop simulation.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ClosedLoop:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be said of the loop."""
+        """Warnings about the loop."""
         found = list(self.controller.unreached)
         if self.margins is not None and self.margins.warning:
             found.append(self.margins.warning)

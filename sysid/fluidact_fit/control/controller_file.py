@@ -91,7 +91,7 @@ class ForceKeys(FamilyOptions):
 
 @dataclass(frozen=True)
 class MachineKeys(FamilyOptions):
-    """What no parameter file holds of the machine."""
+    """Facts about the machine that no parameter file holds."""
 
     lever: float | None = number(help="torque per force of the screw, h", unit="m", above=0.0)
     transmission: float | None = number(
@@ -240,7 +240,7 @@ def _read(data: Mapping[str, Any], problems: Problems) -> ControllerFile | None:
 
 
 def _check_order(found: ControllerFile, problems: Problems) -> None:
-    """What is the lower, smaller or first of two has to be."""
+    """Check that the lower, smaller or first of two is so."""
     keys, machine = found.controller, found.machine
     if isinstance(keys, ImpedanceKeys) and keys.highest_pressure is not None:
         low, high = keys.lowest_pressure, keys.highest_pressure

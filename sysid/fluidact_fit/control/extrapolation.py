@@ -1,4 +1,4 @@
-"""Where a loop leaves what the logs of its parameter files covered."""
+"""Detection of a loop that leaves what the logs of its parameter files covered."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _commands(plant: Plant, response: LoopResponse) -> Mapping[str, FloatArray]:
 
 
 def _seen(role: str, plant: Plant, response: LoopResponse) -> FloatArray | None:
-    """What was measured of a role, and wanted of it; ``None`` of one that nothing measures."""
+    """Return the measured and wanted values of a role; ``None`` for one that nothing measures."""
     if role == plant.controlled.role:
         return np.append(response.output, response.reference)
     if role in _SPEEDS:

@@ -15,7 +15,7 @@ from .parts import Parts, refuse, supplies_of
 
 @dataclass(frozen=True)
 class ForceMaps:
-    """What a force controller knows of its machine.
+    """Model of its machine that a force controller uses.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class ForceMaps:
 
     @cached_property
     def _inverse(self) -> tuple[Machine, Argument]:
-        """What gives the drive or command of a force, with its range."""
+        """Return the function from a force to its drive or command, with its range."""
         routine, target = self.inverse_routine()
         return Machine(routine), target
 
@@ -67,7 +67,7 @@ class ForceMaps:
         return forward_of(self.forward)
 
     def inverse_routine(self) -> tuple[Routine, Argument]:
-        """What a controller calls for the drive or command of a force, and what that gives.
+        """Return the routine from a force to its drive or command, and the name of its output.
 
         Raises
         ------

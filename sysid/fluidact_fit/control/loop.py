@@ -19,7 +19,7 @@ _FAR = 1e4  # times as far off as the reference ever goes: the loop runs away
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """What happened, sample by sample.
+    """Response of a closed loop, sample by sample.
 
     Attributes
     ----------

@@ -244,7 +244,7 @@ def _pd(
 
 
 def _unreached(keys: PDKeys, gains: Gains, sample_time: float) -> Iterator[str]:
-    """What the file asks for and the gains do not do."""
+    """Check the goals of the file that the gains miss."""
     ratio, wanted = gains.damping_ratio, keys.damping_ratio
     if wanted is not None and not ratio <= wanted * (1.0 + _SAME):
         yield (
@@ -256,7 +256,7 @@ def _unreached(keys: PDKeys, gains: Gains, sample_time: float) -> Iterator[str]:
 
 
 def _too_fast(frequency: float, damping: float, cutoff: float, sample_time: float) -> Iterator[str]:
-    """What a natural frequency [Hz] asks for that the samples or the velocity filter do not do."""
+    """Check a natural frequency [Hz] against the sample time and the velocity filter."""
     half = 0.5 / sample_time
     if frequency >= half:
         yield (
@@ -330,7 +330,7 @@ def _impedance(
 
 
 def _overdamped(wanted: float | None, ratio: float) -> Iterator[str]:
-    """Whether friction that is not compensated adds to a damping ratio."""
+    """Return whether friction that is not compensated adds to a damping ratio."""
     if wanted is not None and not ratio <= wanted * (1.0 + _SAME):
         yield (
             f"damping_ratio {wanted:g} is not what the rod shows: the viscous friction of the "

@@ -46,14 +46,14 @@ class Margins:
 
     @property
     def stable(self) -> bool:
-        """Whether what disturbs the loop fades; by the margins where no poles are known."""
+        """Return whether what disturbs the loop fades; by the margins where no poles are known."""
         if np.isnan(self.spectral_radius):
             return self.gain >= 1.0 and self.phase >= 0.0
         return self.spectral_radius <= 1.0 + _ROUNDING
 
     @property
     def warning(self) -> str:
-        """What is to be said of a loop that is not stable without its friction, or nothing."""
+        """Warning about a loop that is not stable without its friction; empty for any other."""
         if self.stable:
             return ""
         radius = self.spectral_radius
@@ -107,7 +107,7 @@ def _margins(point: Sequence[Sampled], law: System, step: float) -> tuple[_Cross
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function changes its sign, by halving to the last digit."""
+    """Find a sign change of a function by bisection to the last digit."""
     rising = function(high) > 0.0
     while low < (middle := 0.5 * (low + high)) < high:
         beyond = (function(middle) > 0.0) == rising

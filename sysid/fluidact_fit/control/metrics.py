@@ -1,4 +1,4 @@
-"""What a response is judged by: step metrics and tracking errors, every definition stated.
+"""Metrics of a response: step metrics and tracking errors, every definition stated.
 
 Tools differ in them: MATLAB's ``stepinfo`` counts from 0 to the last sample and settles about that,
 python-control likewise. Here nothing is taken from the record that can be said.
@@ -125,7 +125,7 @@ def _told(value: float, least: float) -> float:
 
 
 def _crossing(t: FloatArray, y: FloatArray, level: float, i: int) -> float:
-    """When the line from sample ``i`` to the next one is at a level [s]."""
+    """Time at which the line from sample ``i`` to the next one crosses a level [s]."""
     rise = y[i + 1] - y[i]
     return float(t[i] + (t[i + 1] - t[i]) * (level - y[i]) / rise) if rise else float(t[i])
 
@@ -158,7 +158,7 @@ def _settle(t: FloatArray, y: FloatArray, about: float, width: float) -> float |
 
 @dataclass(frozen=True)
 class TrackingMetrics:
-    """How an output follows a reference that moves [unit of the output].
+    """Metrics of an output that follows a moving reference [unit of the output].
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What part a block plays in a machine: read off its parameters, whichever family it is of."""
+"""Part that a block plays in a machine, read off its parameters, whatever its family."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Supply:
 
     @property
     def input(self) -> Port:
-        """What drives it."""
+        """Input of the block."""
         port = self.first.input
         assert port is not None
         return port

@@ -1,4 +1,4 @@
-"""What the output is to follow: step, triangle, sine, ramp insertion, or samples."""
+"""References for the output: step, triangle, sine, ramp insertion, or samples."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to
 
 
 def is_coarse(step: float, sigma: float) -> bool:
-    """Whether the error of a converter is much of a residual of that standard deviation."""
+    """Return whether the error of a converter is much of a residual of that standard deviation."""
     return step**2 / 12.0 >= _MUCH * sigma**2
 
 
@@ -81,7 +81,7 @@ def codes_matter(
     total: FloatArray,
     sigma: float,
 ) -> bool:
-    """Whether the errors of a converter are no white noise and matter.
+    """Return whether the errors of a converter are no white noise and matter.
 
     They are where the converter is coarse, or where noise does not take it across its codes. The
     covariance without them is ``total``, the standard deviation of the residual ``sigma``.
@@ -93,7 +93,7 @@ def codes_matter(
 
 
 def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
-    """Whether neither noise nor motion takes what a converter was given across its codes.
+    """Return whether neither noise nor motion takes what a converter was given across its codes.
 
     Noise of half a code makes ``q^2 / 3`` of half the mean square of the differences; a signal on
     an edge, which the least noise flips, makes a quarter. Errors like these are no noise, however
@@ -115,7 +115,7 @@ def _may_matter(
     bread: FloatArray,
     total: FloatArray,
 ) -> bool:
-    """Whether errors that are one for each code could add to the covariance ``total``."""
+    """Return whether errors that are one for each code could add to the covariance ``total``."""
     error = _by_codes(jacobian, readings, mirrored=False) @ bread
     return bool(np.any(np.sum(error**2, axis=0) > _ADDS * np.diag(total)))
 
@@ -158,7 +158,7 @@ def _by_codes(
 
 
 def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """What a converter was given, shape ``(n,)``: its readings less residuals; and the short ones.
+    """Reconstruct the input of a converter, ``(n,)``: readings less residuals; and the short ones.
 
     Of a lasting one the level of the residual is taken, and a slope and bow that stand out of what
     noise leaves.
@@ -185,7 +185,7 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _smooth(y: FloatArray, r: FloatArray) -> FloatArray:
-    """What a converter was given where noise shakes its readings, shape ``(n,)``.
+    """Reconstruct the input of a converter where noise dithers its readings, shape ``(n,)``.
 
     Noise of a regressor is in the residual, and not in the signal: neighbours are taken together,
     as many as hardly differ by more than the two codes that a signal is between.

@@ -61,7 +61,7 @@ class _Table:
 
     @cached_property
     def explained(self) -> FloatArray:
-        """How the local columns explain the others best, one column for each."""
+        """Best explanation of the other columns by the local ones, one column for each."""
         return explain(self.others, self.local)
 
 
@@ -80,11 +80,11 @@ class Eliminated:
         self.cost = cost if np.isfinite(cost) else np.inf
 
     def is_whole(self, index: int) -> bool:
-        """Whether an experiment is of a single piece."""
+        """Return whether an experiment is of a single piece."""
         return len(self._kept.get(index, ())) == 1
 
     def has(self, index: int) -> bool:
-        """Whether the columns of an experiment are kept."""
+        """Return whether the columns of an experiment are kept."""
         return index in self._kept
 
     def pieces(self, index: int) -> Iterator[Basis]:

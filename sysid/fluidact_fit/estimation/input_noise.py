@@ -132,7 +132,7 @@ class InputNoise:
     def whitening(
         self, build: Build, eta: FloatArray, at: StationaryPoint | None = None
     ) -> list[Whitening]:
-        """What whitens the residual of every experiment; ``at`` is what there is at ``eta``."""
+        """Filters that whiten the residual of every experiment; ``at`` is evaluated at ``eta``."""
         at = at or evaluate(build(self.experiments, ()), eta)
         return make_filters(self._response(build, eta), at.residuals)
 
@@ -149,7 +149,7 @@ class InputNoise:
         return out
 
     def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
-        """What a few draws of the noise make of the output of every experiment."""
+        """Response of the output of every experiment to a few draws of the noise."""
         base = _outputs(build, self.experiments, eta)
         return [
             moved - known
@@ -219,7 +219,7 @@ def _clean_part(values: FloatArray, sigma: float) -> FloatArray:
 
 
 def _outputs(build: Build, experiments: Sequence[Experiment], eta: FloatArray) -> list[FloatArray]:
-    """What a model makes of inputs, every experiment from rest."""
+    """Response of a model to inputs, every experiment from rest."""
     plain = build(experiments, ())
     return [plain.basis(i, eta).known for i in range(len(experiments))]
 
@@ -227,7 +227,7 @@ def _outputs(build: Build, experiments: Sequence[Experiment], eta: FloatArray) -
 def make_filters(
     response: Sequence[FloatArray], residuals: Sequence[FloatArray]
 ) -> list[Whitening]:
-    """What whitens residuals: noise of the input through the model, and that of the output.
+    """Make filters that whiten residuals: input noise through the model, and output noise.
 
     ``response`` is what draws of the noise make of the output, from rest, shape ``(n,)`` each.
     """
@@ -238,12 +238,12 @@ def make_filters(
 
 
 def _coarse(signal: Signal) -> bool:
-    """Whether the values stand in a few levels only."""
+    """Return whether the values stand in a few levels only."""
     return signal.resolution > _COARSEST * float(np.ptp(signal.values))
 
 
 def _in_levels(signal: Signal) -> bool:
-    """Whether it is held at a few levels, which are what was commanded: there is no noise."""
+    """True if it is held at a few levels, which are what was commanded: there is no noise."""
     return _coarse(signal) and (signal.hold == "zoh" or np.unique(signal.values).size <= _LEVELS)
 
 
@@ -432,14 +432,14 @@ def _spread(
 
 
 def _is_linear(noise: InputNoise, build: Build, eta: FloatArray) -> bool:
-    """Whether outputs add up as inputs do, as far as a draw of the noise shows."""
+    """Return whether outputs add up as inputs do, as far as a draw of the noise shows."""
     base = _outputs(build, noise.experiments, eta)
     up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
     return all(_adds_up(*three) for three in zip(base, up, down, strict=True))
 
 
 def _adds_up(base: FloatArray, up: FloatArray, down: FloatArray) -> bool:
-    """Whether what is added to an input and what is taken from it do the same to the output."""
+    """True if what is added to an input and what is taken from it do the same to the output."""
     return bool(np.abs(up + down - 2.0 * base).max() <= _ADDS_UP * np.abs(up - down).max())
 
 
@@ -456,7 +456,7 @@ def _disturbed(
 def _added(
     base: _Score, disturbed: Sequence[tuple[Problem, Problem]], eta: FloatArray
 ) -> list[_Score]:
-    """What every draw of the noise adds to the score and its curvature, odd parts cancelled."""
+    """Contribution of every noise draw to the score and its curvature, odd parts cancelled."""
     out = []
     for up, down in disturbed:
         a, b = _score(up, eta), _score(down, eta)

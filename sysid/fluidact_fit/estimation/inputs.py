@@ -66,7 +66,7 @@ class PiecewiseInput:
 
 
 def is_smooth(signals: Sequence[Signal]) -> bool:
-    """Whether cubics through every second sample predict the others better than lines.
+    """Return whether cubics through every second sample predict the others better than lines.
 
     The measured force of a hand is smooth: straight lines between 100 Hz samples clip its
     peaks, which biases the inertia that is fitted to it. A signal that really follows
@@ -183,7 +183,7 @@ def choose_hold(signals: Sequence[Signal]) -> Hold:
 
 
 def _is_held(values: FloatArray) -> bool:
-    """Whether a signal keeps a level, exactly or but for noise, and jumps to the next at once.
+    """True if a signal keeps a level, exactly or but for noise, and jumps to the next at once.
 
     A jump stands alone (what takes several samples is a movement) and is large beside the
     usual change from one sample to the next. Between jumps nothing is left but what these
@@ -261,7 +261,7 @@ def _check_record(values: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArra
 
 
 def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
-    """What a dead zone of slope one lets pass: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
+    """Output of a dead zone of slope one: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
 
     The edges are complex in derivatives.
     """

@@ -48,7 +48,7 @@ def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
 
 
 def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
+    """Solve ``columns @ x = rows`` best, ``(n, q)`` and ``(n, p)``; shape ``(q, p)``."""
     scale = column_scales(columns)
     found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
     return np.asarray(found / scale[:, None])

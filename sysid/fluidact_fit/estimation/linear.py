@@ -187,7 +187,7 @@ def free_pieces(
 
 
 def _is_settled(row: Array, later: Array) -> bool:
-    """Whether a step changes neither a response nor, where it is complex, its derivative."""
+    """Return whether a step changes neither a response nor, where it is complex, its derivative."""
     change = later - row
     return all(
         np.abs(part(change)).max() <= 1e-15 * np.abs(part(row)).max() for part in (np.real, np.imag)
@@ -312,7 +312,7 @@ def forced_pieces(
 
 
 def _side(dead_time: complex) -> float:
-    """Which piece an instant on a node belongs to, in steps.
+    """Piece to which an instant on a node belongs, in steps.
 
     Either, but only the earlier one gives the slope for a longer dead time: at zero there is no
     other direction.
@@ -368,7 +368,7 @@ def _response(
 
 
 def _are_alike(nodes: Grid, samples: Grid) -> bool:
-    """Whether two records have equal steps, and the first does not begin before the second."""
+    """True if two records have equal steps, and the first does not begin before the second."""
     if nodes is samples:
         return nodes.distinct.size == 1
     if nodes.distinct.size != 1 or samples.distinct.size != 1:
@@ -452,7 +452,7 @@ def _kink_part(
     piece: npt.NDArray[np.intp],
     nodes: FloatArray,
 ) -> Array:
-    """What kinks inside the interval of an instant add to the output there."""
+    """Contribution of kinks inside the interval of an instant to the output there."""
     kinks = u.kinks
     total: Array = np.zeros(moments.size, dtype=np.result_type(moments, kinks.offset, a, b, c))
     if kinks.interval.size == 0:

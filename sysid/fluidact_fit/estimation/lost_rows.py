@@ -106,7 +106,7 @@ def _predicted(
 def _left_out(
     u: FloatArray, count: FloatArray, width: int, side: int
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """What the others miss where ``width - 1`` intact samples are left out.
+    """Errors of the prediction where ``width - 1`` intact samples are left out.
 
     Returns the index of the sample before, ascending, shape ``(k,)``, and the misses,
     shape ``(k, width - 1)``.
@@ -146,7 +146,7 @@ def _weights(nodes: FloatArray, asked: FloatArray) -> FloatArray:
 
 
 def _reach(nodes: FloatArray, asked: FloatArray) -> FloatArray:
-    """How much of its first neglected derivative a polynomial misses, shape ``(m, asked)``."""
+    """Error of a polynomial per unit of its first neglected derivative, shape ``(m, asked)``."""
     distances = np.abs(asked[None, :, None] - nodes[:, None, :])
     return np.asarray(np.prod(distances, axis=2))
 

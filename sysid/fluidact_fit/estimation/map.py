@@ -69,7 +69,7 @@ class MapRows:
         return MapRows(self.x[index], self.y[index], self.count[index])
 
     def residual(self, fit: MapFit) -> FloatArray:
-        """What a fit leaves of the rows, shape ``(n,)``; of long records made where asked for."""
+        """Residual of the rows, shape ``(n,)``; of long records made where asked for."""
         return by_rows(lambda x, y: y - fit.model.value(fit.theta, x), self.x, self.y)
 
     def slopes(self, fit: MapFit) -> FloatArray:
@@ -299,7 +299,7 @@ class Misfit:
     at_rest: bool
 
     def matters(self, least: float) -> bool:
-        """Whether the miss is larger than the scatter, and than what is worth saying."""
+        """Return whether the miss is larger than the scatter, and than what is worth saying."""
         return self.rms > least and self.rms**2 > self.within
 
 
@@ -373,7 +373,7 @@ class DirectionEffect:
     scatter: float
 
     def matters(self, least: float) -> bool:
-        """Whether it is sure, and larger than half the scatter and than what is worth saying."""
+        """True if it is sure, and larger than half the scatter and than what is worth saying."""
         sure = self.width > 5.0 * self.std_error
         return sure and self.width >= max(0.5 * self.scatter, least)
 

@@ -47,7 +47,7 @@ Bounds = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Minimum(Generic[PointT]):
-    """Where an iteration ended.
+    """End of an iteration.
 
     Attributes
     ----------
@@ -190,12 +190,12 @@ class _Parabola:
         return damped_step(self.curvature, self.gradient, self.x, self.bounds, damping)
 
     def fall(self, step: FloatArray) -> float:
-        """How far the cost falls with a step."""
+        """Fall of the cost with a step."""
         return float(2.0 * self.gradient @ step - step @ self.curvature @ step)
 
     @cached_property
     def lowest(self) -> float:
-        """How far it falls with a step that nothing damps."""
+        """Fall of the cost with an undamped step."""
         return self.fall(self.step(1e-12))
 
 
@@ -207,7 +207,7 @@ class _Damping:
 
     @property
     def has_risen(self) -> bool:
-        """Whether a step has failed since the last one that helped."""
+        """Return whether a step has failed since the last one that helped."""
         return self._failed > 0
 
     def fall(self, gain: float) -> None:

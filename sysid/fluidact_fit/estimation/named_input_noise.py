@@ -78,7 +78,7 @@ def correct_named(
 def _notices(
     noise: InputNoise, solved: Solved, found: Corrected, before: Mapping[str, float]
 ) -> list[Notice]:
-    """How much noise there is, what it would have done, and what it still does, if it matters.
+    """Report the noise, the error it would have caused, and what remains of it, if it matters.
 
     ``before`` is the estimate that took the input for exact.
     """

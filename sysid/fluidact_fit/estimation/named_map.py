@@ -107,7 +107,7 @@ class NamedFit:
 
     @property
     def residual(self) -> FloatArray:
-        """What the map leaves, shape ``(n,)``."""
+        """Residual of the map, shape ``(n,)``."""
         return self.data.y - self.fit.model.value(self.fit.theta, self.data.x)
 
     def direction_effect(self, rising: FloatArray) -> DirectionEffect:

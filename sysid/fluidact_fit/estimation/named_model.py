@@ -138,7 +138,7 @@ class _Bound:
         return known + shared[..., ~self.free] @ self.fixed, shared[..., self.free]
 
     def _values(self, eta: Array) -> Values:
-        """What the model is computed with; complex is the one that is moved alone."""
+        """Values that the model is computed with; the one that is moved alone is complex."""
         whole = [x.real if x.imag == 0.0 else x for x in eta]
         return {**self.held, **dict(zip(self.names, whole))}
 

@@ -79,7 +79,7 @@ class Network:
         return self.output(self.layer_inputs(samples_last(x)))
 
     def layer_inputs(self, x: FloatArray) -> list[FloatArray]:
-        """What goes into each layer, ``(its inputs, n)``, for inputs of shape ``(inputs, n)``."""
+        """Inputs of each layer, ``(its inputs, n)``, for inputs of shape ``(inputs, n)``."""
         layers = [x]
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
             z = w @ layers[-1]
@@ -222,7 +222,7 @@ class Chords:
 
 @dataclass(frozen=True)
 class Cost:
-    """What training minimises: ``mean(rho(y - net(x))) + decay * sum(weights^2) + chords``.
+    """Cost of training: ``mean(rho(y - net(x))) + decay * sum(weights^2) + chords``.
 
     Attributes
     ----------
@@ -454,7 +454,7 @@ class Training:
 
 @dataclass(frozen=True)
 class Search:
-    """What a multi-start search found: candidates, best first, and how many were tried."""
+    """Result of a multi-start search: candidates, best first, and how many were tried."""
 
     candidates: tuple[Trained, ...]
     tried: int

@@ -67,7 +67,7 @@ class Fitted(Solved):
 
     @property
     def is_from_scores(self) -> bool:
-        """Whether the covariance is that of the scores, and no model of the residuals is known."""
+        """True if the covariance is that of the scores, and no model of the residuals is known."""
         return self.order < 0
 
     def _reported(self) -> list[int]:
@@ -110,7 +110,7 @@ class Fitted(Solved):
         return table, [n for n in notices if n is not None]
 
     def details(self) -> dict[str, Any]:
-        """What the search did, for the file."""
+        """Details of the search, for the file."""
         return {
             "method": "output error",
             "starts": {
@@ -125,7 +125,7 @@ class Fitted(Solved):
         }
 
     def _covariance_name(self) -> str:
-        """What the residuals were taken for, as the file says it."""
+        """Noise model of the residuals, as the file says it."""
         if self.input_noise:
             return "scores corrected for the noise of an input"
         if self.is_from_scores:
@@ -329,7 +329,7 @@ def _idle_rise(
     cost: float,
     unit: float,
 ) -> float:
-    """How far the cost rises above ``cost``, in ``unit``, with a parameter at a value."""
+    """Rise of the cost above ``cost``, in ``unit``, with a parameter at a value."""
     order = [n for n in attempt.solved.names if n in model.nonlinear]
     problem = bind(model, unknowns, {**attempt.held, at[0]: at[1]})
     begin = np.delete(attempt.best.eta, order.index(at[0]))
@@ -343,7 +343,7 @@ def _idle_rise(
 
 
 def information_units(solution: StationaryPoint, found: FloatArray) -> FloatArray:
-    """What one standard deviation of each unknown adds to the cost, shape ``(p,)``.
+    """Rise of the cost with one standard deviation of each unknown, shape ``(p,)``.
 
     The variance of the residual where that is white. An autocorrelated one carries less
     information, and the cost counts for less by as much as the covariance ``found``, ``(p, p)``,

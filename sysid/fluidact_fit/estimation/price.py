@@ -1,4 +1,4 @@
-"""What a search costs, counted in simulations, and how much it may.
+"""Cost of a search, counted in simulations, and its budget.
 
 One simulation is one pass of the model over all samples of all logs. A derivative by one unknown is
 another pass (those of a network by all its weights come from a single one, backwards), and a pass
@@ -29,7 +29,7 @@ class Price:
 
     @property
     def exhausted(self) -> bool:
-        """Whether a search is to end where it is."""
+        """Return whether a search is to end where it is."""
         return self.spent >= _SEARCHED * self.at_most
 
     def add(self, simulations: float) -> None:
@@ -81,7 +81,7 @@ def simulated(samples: float | None = None, passes: int = 1) -> None:
 
 
 def exhausted() -> bool:
-    """Whether a search is to end where it is, because it may not go on."""
+    """Return whether a search is to end where it is, because it may not go on."""
     price = _price.get()
     return price is not None and price.exhausted
 

@@ -1,4 +1,4 @@
-"""What a separable fit is given and what it returns; see :mod:`.separable`."""
+"""Problem and solution of a separable fit; see :mod:`.separable`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Slopes:
 
 
 class Model(Protocol):
-    """What the solver needs to know of a model.
+    """Model as the solver needs it.
 
     One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
     returns the columns and their :class:`Slopes`. One of long records has a method

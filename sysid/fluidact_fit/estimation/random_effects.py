@@ -84,7 +84,7 @@ def estimate_spread(values: Array, errors: Array) -> Spread | None:
 
 
 def _outliers(y: Array, s: Array) -> npt.NDArray[np.bool_]:
-    """Which units lie too far out: from a robust start, then by likelihood until it settles."""
+    """Find outlying units: from a robust start, then by likelihood until it settles."""
     mean, between = _robust(y, s)
     outlier = np.zeros(y.size, dtype=bool)
     for _ in range(_ROUNDS):

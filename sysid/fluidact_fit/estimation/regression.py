@@ -105,7 +105,7 @@ class Balance:
         return reached(self.at, self.kernel.size)
 
     def spread(self, table: FloatArray) -> FloatArray:
-        """What multiplies the target before it was smoothed; ``(n, p)`` to ``(support, p)``."""
+        """Spread weights over the target before smoothing; ``(n, p)`` to ``(support, p)``."""
         if self.kernel.size == 1:
             return table
         full = np.zeros((self.at.size, table.shape[1]))
@@ -480,7 +480,7 @@ def _widest(found: Sequence[Uncertainty]) -> Uncertainty:
 
 
 def _stretches(at: BoolArray) -> list[int]:
-    """Where one stroke ends and another begins, as indices into the chosen samples.
+    """Boundaries of strokes, as indices into the chosen samples.
 
     Remnants of fewer than 20 samples stay with the stretch before them.
     """

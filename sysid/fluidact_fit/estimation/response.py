@@ -60,7 +60,7 @@ _EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without o
 
 @dataclass(frozen=True)
 class Beginning:
-    """What the runs of a fit are taken to begin with.
+    """Initial conditions of the runs of a fit.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class ResponseOptions(FamilyOptions):
 
 @dataclass(frozen=True)
 class Searched:
-    """How a nonlinear parameter is searched for [SI].
+    """Search range of a nonlinear parameter [SI].
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Searched:
 
 @dataclass(frozen=True)
 class Plan:
-    """How the search for the parameters of one set of logs goes.
+    """Plan of the search for the parameters of one set of logs.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ T = TypeVar("T", bound=ResponseOptions)
 
 
 class ResponseModel(ABC, Generic[T]):
-    """What a family declares to have its response fitted.
+    """Declaration of a family whose response is fitted.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class ResponseModel(ABC, Generic[T]):
 
     @abstractmethod
     def plan(self, experiments: Sequence[Experiment], request: Request[T]) -> Plan:
-        """How the fit of these logs begins."""
+        """Return the plan of the fit of these logs."""
 
     @abstractmethod
     def response(
@@ -204,7 +204,7 @@ class ResponseModel(ABC, Generic[T]):
     def starts(
         self, fit: ResponseFit[T], experiments: Sequence[Experiment], begin: Beginning
     ) -> list[dict[str, float]]:
-        """Where to begin: the valleys of the cost over a grid, best first."""
+        """Return starts: the valleys of the cost over a grid, best first."""
         step, span = time_scales(experiments)
         held = fit.held
 
@@ -220,7 +220,7 @@ class ResponseModel(ABC, Generic[T]):
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:
-    """Whether the runs hold too few samples to have offsets and initial states of their own.
+    """Return whether the runs hold too few samples to have offsets and initial states of their own.
 
     In a run of ten samples that begins with the step these would explain the whole response. In
     a run of a hundred or more they cost next to nothing.
@@ -268,7 +268,7 @@ class Response(Generic[T]):
         derived: Mapping[str, Quantity],
         notices: Sequence[Notice] = (),
     ) -> Solution[T]:
-        """What is examined and written of the fit; ``options`` are settled."""
+        """Return the solution to examine and write; ``options`` are settled."""
         fitted, output = self.fitted, variant.output.name
         parameters, names, covariance = fitted.quantities(variant.parameters, experiments[0].units)
         table, drift = fitted.compare_logs(experiments)
@@ -330,7 +330,7 @@ class ResponseFit(Generic[T]):
 
     @property
     def _are_very_long(self) -> bool:
-        """Whether a longer part than the first is still a small part of the logs."""
+        """Return whether a longer part than the first is still a small part of the logs."""
         return sum(e.samples for e in self.experiments) > 8 * _LONGER
 
     def named(self, experiments: Sequence[Experiment], begin: Beginning) -> NamedModel:
@@ -390,7 +390,7 @@ class ResponseFit(Generic[T]):
         return [self._values(problem, found.best.eta)]
 
     def _starts(self, some: Sequence[Experiment], begin: Beginning) -> list[dict[str, float]]:
-        """Where to begin; what the user says of it wins."""
+        """Return starts; the user's own take precedence."""
         return [{**s, **self.request.start} for s in self.model.starts(self, some, begin)]
 
     def _search(self, problem: Problem, starts: Sequence[Mapping[str, float]]) -> Search:
@@ -448,7 +448,7 @@ class ResponseFit(Generic[T]):
     # ---------------------------------------------------------------- what the runs begin with
 
     def _begin(self, few: Sequence[Experiment]) -> Beginning:
-        """What the user says of the start of the runs, and otherwise the excerpt."""
+        """Return the user's start of the runs, and otherwise that of the excerpt."""
         options = self.request.options
         begin = options.beginning
         if options.offset != "none" and options.offset_of is None:
@@ -460,11 +460,11 @@ class ResponseFit(Generic[T]):
 
     @property
     def _owner(self) -> str:
-        """What has an offset of its own."""
+        """Return the owner of an offset."""
         return "log" if self.model.common_offset and are_short(self.experiments) else "run"
 
     def _starts_at_rest(self, few: Sequence[Experiment], begin: Beginning) -> bool:
-        """Whether short runs are taken to start at rest.
+        """Return whether short runs are taken to start at rest.
 
         In a long run the initial state costs nothing and is always free. In a run of ten
         samples that begins with the step, a free initial state explains the whole response;
@@ -486,7 +486,7 @@ class ResponseFit(Generic[T]):
     def _unrecorded(
         self, experiments: Sequence[Experiment], begin: Beginning, values: Mapping[str, float]
     ) -> float:
-        """How long the output answers to an input before the runs [s]; 0 where it is at rest.
+        """Duration of the response to an input before the runs [s]; 0 where it is at rest.
 
         For as long as the dead time the output of a run follows an input that was not recorded.
         No initial state can stand for that: where anything moves meanwhile, the fit has to leave
@@ -506,7 +506,7 @@ class ResponseFit(Generic[T]):
         return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
 
     def _later(self, few: Sequence[Experiment], begin: Beginning) -> list[dict[str, float]]:
-        """Where a search ends that leaves out what a long dead time cannot describe.
+        """End of a search that leaves out what a long dead time cannot describe.
 
         The samples within it would speak against the very dead time that they answer to.
         """
@@ -744,7 +744,7 @@ def _power(experiments: Sequence[Experiment], output: str) -> float:
 
 
 def _before_response(basis: Basis) -> npt.NDArray[np.bool_]:
-    """Which samples of a run at rest come before its response, shape ``(n,)``."""
+    """Mask of the samples of a run at rest before its response, shape ``(n,)``."""
     return np.cumsum(np.abs(np.diff(basis.shared[:, 0], prepend=basis.shared[0, 0]))) == 0.0
 
 
@@ -759,7 +759,7 @@ def _level(
 
 
 def _is_surely_worse(problem: Problem, eta: FloatArray, best: StationaryPoint) -> bool:
-    """Whether the squares of the residuals at ``eta`` are larger all along the logs.
+    """Return whether the squares of the residuals at ``eta`` are larger all along the logs.
 
     That tells two fits apart whatever the residuals are, noise or what both models lack, where
     their costs alone would have to be compared with noise that is white [1]_.
@@ -784,7 +784,7 @@ def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
 
 
 def _leads_to(end: Fitted, plain: Fitted, correct: Correct, rival: Mapping[str, float]) -> bool:
-    """Whether a rival of a plain fit comes to the same end once noise is allowed for."""
+    """Return whether a rival of a plain fit comes to the same end once noise is allowed for."""
     if correct is None:
         return False
     other = correct(replace(plain, values={**plain.values, **rival}))
@@ -826,7 +826,7 @@ def fit_robustly(columns: FloatArray, values: FloatArray, limit: float | None) -
 
 
 def _is_quiet(values: FloatArray, count: int) -> bool:
-    """Whether the first ``count`` values show only noise; fewer than three count as quiet.
+    """Return whether the first ``count`` values show only noise; fewer than three count as quiet.
 
     They must neither scatter more than the noise nor lie on a slope.
     """
@@ -841,7 +841,7 @@ def _is_quiet(values: FloatArray, count: int) -> bool:
 
 
 def _may_rest(signal: Signal) -> bool:
-    """Whether an input may have been at rest before its first sample: it does not move there yet.
+    """True if an input may have been at rest before its first sample: it does not move there yet.
 
     One that is held may have stepped at any of its samples.
     """
@@ -852,7 +852,7 @@ def _may_rest(signal: Signal) -> bool:
 
 
 def _are_stepped(experiments: Sequence[Experiment]) -> bool:
-    """Whether the input of every run is a step that was not recorded: it was at rest before."""
+    """True if the input of every run is a step that was not recorded: it was at rest before."""
     return all(any(s.time.size == 1 for s in e.signals.values()) for e in experiments)
 
 

@@ -128,7 +128,7 @@ def _finish(
 
 
 def settled(problem: Problem, found: StationaryPoint, least: float) -> StationaryPoint:
-    """Where the derivatives of a solution lead once more, if that is farther than ``least``.
+    """Take one more step from a solution if it is longer than ``least``.
 
     ``least`` is in standard errors. So short a step is exact enough as it is computed, from the
     derivatives and residuals that are there: no model is evaluated, and ``simulate`` stays behind.

@@ -1,4 +1,4 @@
-"""Where a search begins: an excerpt of the logs, and the valleys of its cost over a grid."""
+"""Starts of a search: an excerpt of the logs, and the valleys of its cost over a grid."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def grid_search(
 
 
 def _valleys(rows: Mapping[tuple[int, ...], Row], index: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-    """Which points of one row of the grid are no worse than their neighbours."""
+    """Mask of the points in one row of the grid that are no worse than their neighbours."""
     inner, _, own = rows[index]
     around = np.concatenate(([np.inf], own, [np.inf]))
     valley = np.isfinite(own) & (own <= around[:-2]) & (own <= around[2:])

@@ -1,4 +1,4 @@
-"""How friction rises at low speed: option, parameters, search, and when the logs show none.
+"""Stribeck friction: option, parameters, search, and when the logs show none.
 
 The law, ``stribeck exp(-(v / stribeck_speed)^2)`` above the kinetic level, is that of
 ``mechanics.friction_law``. It is linear in the level and not in the speed, which is therefore
@@ -161,7 +161,7 @@ def friction_columns(
     rise: Sequence[FloatArray],
     forward: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
-    """What multiplies the parameters of friction in a balance, by name, ``(n,)`` each.
+    """Columns of the parameters of friction in a balance, by name, ``(n,)`` each.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:
 
 
 def _count_speeds(speed: FloatArray, least: float) -> int:
-    """How many clearly different speeds there are; a continuous range counts by its width."""
+    """Count clearly different speeds; a continuous range counts by its width."""
     low, _ = slowest_and_fastest(speed, least)
     bins = np.floor(np.log(np.maximum(np.abs(speed) / low, 1.0)) / np.log(_ALIKE)).astype(int)
     share = np.bincount(bins) / speed.size

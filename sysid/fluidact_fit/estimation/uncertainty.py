@@ -136,7 +136,7 @@ def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[F
 
 
 def innovations(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """What an autoregression cannot predict of rows (samples first), shape ``(n - order, ...)``."""
+    """Innovations of rows (samples first) under an autoregression, shape ``(n - order, ...)``."""
     out = rows.astype(float)
     for k, c in enumerate(coefficients):
         out[k + 1 :] -= c * rows[: -k - 1]
@@ -323,12 +323,12 @@ def covariance(
 
 
 def independent_samples(memory: float, n: int) -> float:
-    """How many independent samples show the size of a first-order autoregression as well; [4]_."""
+    """Number of independent samples worth those of a first-order autoregression; [4]_."""
     return n * (1.0 - memory**2) / (1.0 + memory**2)
 
 
 def _independent(a: FloatArray, n: int) -> float:
-    """How many independent samples would show the size of an autoregression as well; [4]_."""
+    """Number of independent samples that would show the size of an autoregression as well; [4]_."""
     r = _ar_autocovariance(a, 1.0)
     return n * float(r[0] ** 2 / (r @ r))
 
@@ -341,7 +341,7 @@ def _noise_model(residuals: Sequence[FloatArray]) -> tuple[FloatArray, float]:
 
 
 def _effective(total: FloatArray, white: FloatArray, n: int) -> float:
-    """How many samples with independent errors would give the same variances."""
+    """Number of samples with independent errors that would give the same variances."""
     alone, together = np.diag(white), np.diag(total)
     seen = (alone > 0.0) & np.isfinite(together)
     ratio = float(np.median(together[seen] / alone[seen])) if seen.any() else 1.0

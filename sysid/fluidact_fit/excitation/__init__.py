@@ -1,4 +1,4 @@
-"""What to record next: the excitation that best determines the least certain parameter.
+"""Design of the next recording: the excitation that best determines the least certain parameter.
 
     M = J' J / sigma^2,   std_error = sqrt(diag(M^-1))
 

@@ -72,7 +72,7 @@ def static_errors(rows: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def is_speed(role: Role) -> bool:
-    """Whether a role is a speed, by its unit."""
+    """Return whether a role is a speed, by its unit."""
     return role.unit.endswith("/s")
 
 

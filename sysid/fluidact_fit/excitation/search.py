@@ -53,7 +53,7 @@ class Search:
         return Trial(waveform, shape, command, output, nothing, np.inf)
 
     def _drifts(self) -> bool:
-        """Whether a push displaces the output for good: its level is then free."""
+        """Return whether a push displaces the output for good: its level is then free."""
         n = self.time.size
         push = np.zeros(n)
         push[n // 10 : n // 5] = 1.0

@@ -194,7 +194,7 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
 
 
 def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
-    """How long these strokes must last to halve the present worst standard error."""
+    """Duration of these strokes that halves the present worst standard error."""
     present = [u.present / u.scale for u in task.unknowns if u.present is not None]
     if len(present) < len(task.unknowns):
         return []

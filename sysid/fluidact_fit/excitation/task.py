@@ -51,7 +51,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Task:
-    """What was asked for, and all that a search needs to know, which follows from it.
+    """Design task, and all that a search needs to know, which follows from it.
 
     ``given`` are the limits as far as they were given.
     """
@@ -90,7 +90,7 @@ class Task:
 
     @cached_property
     def excitation(self) -> Excitation:
-        """How an experiment of the family is designed."""
+        """Design of an experiment of the family."""
         return self.family.excitation(self.variant, self.document)
 
     @cached_property
@@ -104,13 +104,13 @@ class Task:
 
     @cached_property
     def output(self) -> Role:
-        """What is measured, in the unit of the file."""
+        """Measured output, in the unit of the file."""
         units = {role: covered.unit for role, covered in self.document.validity.items()}
         return self.variant.measured_in(units).output
 
     @cached_property
     def limits(self) -> Limits:
-        """What was not given is what the file's logs covered."""
+        """Limits of the design; those not given are what the file's logs covered."""
         given, drive, output = self.given, self.drive, self.variant.output.name
         covered = {role: (r.low, r.high) for role, r in self.document.validity.items()}
         amplitude, stroke = given.amplitude, given.stroke
@@ -146,7 +146,7 @@ class Task:
 
     @cached_property
     def plant(self) -> Plant[FamilyOptions]:
-        """What is simulated: values and options of the file, plausible values where it has none."""
+        """Model to simulate: values and options of the file, plausible values where it has none."""
         known = self.document.plant(self.family)
         return replace(known, values={**known.values, **self.supposed})
 
@@ -177,7 +177,7 @@ class Task:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know of any design."""
+        """Notes that apply to any design."""
         notes = [
             f"{name} was not identified; the design supposes {value:.4g}."
             for name, value in self.supposed.items()
@@ -224,7 +224,7 @@ class Task:
         return float(np.max(errors / self.scales))
 
     def score(self, errors: FloatArray) -> float:
-        """What to minimise: the logarithm of the criterion, and a little of all others."""
+        """Objective: the logarithm of the criterion, and a little of all others."""
         if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
             return np.inf
         relative = np.log(errors / self.scales)

@@ -183,12 +183,12 @@ class Waveform:
 
     @property
     def absolute(self) -> bool:
-        """Whether its levels are those of the machine, so that a share of them is useless."""
+        """True if its levels are those of the machine, so that a share of them is useless."""
         return self.shape == "approach"
 
     @property
     def has_duty(self) -> bool:
-        """Whether the two directions can last differently long."""
+        """Return whether the two directions can last differently long."""
         own = self.shape in ("steps", "square", "two sizes")
         return own or (self.then is not None and self.then.has_duty)
 

@@ -11,7 +11,7 @@ from ..routines.expression import Choose, Expression, parts_of
 
 @dataclass(frozen=True)
 class Words:
-    """What opens the first and a further branch, with its condition, the last one, and the end."""
+    """Keywords of branches: first, further, last, and the end."""
 
     first: str
     further: str
@@ -62,5 +62,5 @@ class Branches(ABC):
 
 
 def has_choice(e: Expression) -> bool:
-    """Whether a choice stands anywhere in an expression."""
+    """Return whether a choice stands anywhere in an expression."""
     return isinstance(e, Choose) or any(map(has_choice, parts_of(e)))

@@ -68,7 +68,7 @@ def controller_code(
 
 
 def _beginning(file: ControllerFile, controller: Controller, unit: str) -> list[str]:
-    """Where a reset begins, of a controller that holds the machine somewhere."""
+    """State after a reset of a controller that holds the machine somewhere."""
     travel, held = controller.travel, controller.begins
     if len(held) > 1 or not any(held):
         return []
@@ -77,7 +77,7 @@ def _beginning(file: ControllerFile, controller: Controller, unit: str) -> list[
 
 
 def _stability(plant: Plant, controller: Controller) -> list[str]:
-    """What the margins warn of; nothing of a loop that has none."""
+    """Warnings about the margins; none for a loop without margins."""
     try:
         warning = loop_margins(plant, controller).warning
     except NotImplementedError:

@@ -152,7 +152,7 @@ def edge_sequences(routine: Routine, found: FloatArray, rng: np.random.Generator
 
 
 def _sides_of_sequences(routine: Routine, arguments: FloatArray) -> Any:
-    """Which side of every comparison is the smaller one; ``(calls, comparisons, sequences)``."""
+    """Smaller side of every comparison, shape ``(calls, comparisons, sequences)``."""
     calls, count = arguments.shape[:2]
     seen: list[Any] = []
 
@@ -164,7 +164,7 @@ def _sides_of_sequences(routine: Routine, arguments: FloatArray) -> Any:
 
 
 def _sides(routine: Routine, rows: FloatArray) -> Any:
-    """Which side of every comparison is the smaller one; shape ``(comparisons, rows)``."""
+    """Smaller side of every comparison, shape ``(comparisons, rows)``."""
     seen: list[Any] = []
 
     def watch(a: Any, b: Any) -> None:

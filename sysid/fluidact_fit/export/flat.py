@@ -37,7 +37,7 @@ def code_of(job: Job) -> Code:
 
 
 def _known_how(parameter: Parameter) -> str:
-    """How a parameter came to its value: its status and its standard error, if it has one."""
+    """Origin of a parameter's value: its status and its standard error, if it has one."""
     words = parameter.status.replace("_", " ")
     error = parameter.std_error
     return f"{words}, standard error {error:.3g}" if isinstance(error, float) else words

@@ -117,7 +117,7 @@ def _usable(routine: Routine, pool: FloatArray) -> Any:
 def _pool(
     routine: Routine, rng: np.random.Generator, rounded: Rounded, nan: bool
 ) -> tuple[FloatArray, int]:
-    """What is chosen from, ``(calls, count, k)``, and how many of the first are taken anyway."""
+    """Return the candidates, ``(calls, count, k)``, and how many of the first are always taken."""
     plain = uniform(routine, _POOL, rng)
     at_ends, some = _ends(routine, rng, 1), plain[:_PROBE]
     near = np.concatenate([edges(routine, some), edges_at_rest(routine, some)])

@@ -11,7 +11,7 @@ from .target import Arithmetic, ControllerTarget, Target
 
 
 class Entry(NamedTuple):
-    """Where a target lives, and what it can be asked for.
+    """Module of a target, and the options that it takes.
 
     ``module`` has a function ``write``, and ``write_code`` where it knows ``controllers``;
     ``arithmetics`` are those that it can be told to use, the first where it is not told.

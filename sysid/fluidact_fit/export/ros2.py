@@ -62,7 +62,7 @@ def _nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _declaration(entry: Entry) -> dict[str, Any]:
-    """How generate_parameter_library declares an entry; without a default, so it must be given."""
+    """Entry for generate_parameter_library, without a default, so that it must be given."""
     unit = f" [{plain_text(entry.unit)}]" if entry.unit else ""
     found = {
         "type": _type(entry),

@@ -1,4 +1,4 @@
-"""How far single-precision code lies from the model: measured, when the file is made.
+"""Error of single-precision code against the model, measured when the file is made.
 
 The routine is run in single precision, operation by operation as the C code does it, beside double
 precision: for a static one at :data:`DRAWS` arguments, for one that keeps something in sequences
@@ -146,7 +146,7 @@ def robust(routine: Routine, arguments: FloatArray, least: float = 1e-4) -> Any:
 
 
 def _arguments(routine: Routine) -> FloatArray:
-    """What is drawn: ``(calls, count, k)``."""
+    """Draw arguments, shape ``(calls, count, k)``."""
     rng = np.random.default_rng(_SEED)
     near = edges(routine, uniform(routine, _PROBE, rng))
     if routine.keeps:

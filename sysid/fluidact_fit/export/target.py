@@ -1,4 +1,4 @@
-"""What every export target is given, and the only way from texts of a file to texts of code."""
+"""Input of every export target, and the only way from texts of a file to texts of code."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:_+=()/^<>-]")
 
 @dataclass(frozen=True)
 class Origin:
-    """Where an export comes from: the same for the same file, whenever it is made.
+    """Origin of an export: the same for the same file, whenever it is made.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class Code:
 
     @property
     def origin_lines(self) -> list[str]:
-        """Where it comes from, in harmless lines."""
+        """Lines that name the origin, safe inside a comment."""
         return [line for origin in self.origin for line in origin.lines()]
 
 
@@ -215,7 +215,7 @@ def make_job(
 
 
 def origin_of(path: str | os.PathLike[str], sha256: str, block: Block | None = None) -> Origin:
-    """Where an export of a file comes from; ``block`` is what was loaded from it."""
+    """Return the origin of an export of a file; ``block`` was loaded from it."""
     file = plain_text(Path(path).name)
     if block is None:
         return Origin(file, sha256)
@@ -265,7 +265,7 @@ def file_stem(file: str) -> str:
 
 
 def renamed(path: str | os.PathLike[str]) -> str:
-    """What to say of a name that could not stay as it is; empty where it could."""
+    """Remark on a name that had to change; empty if it did not."""
     stem = _END.sub("", Path(path).name)
     if stem.lower() not in _TAKEN:
         return ""

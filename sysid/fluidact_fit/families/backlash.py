@@ -71,7 +71,7 @@ _BACK = "Move the drive both ways, slowly, each time by several times the play."
 
 @dataclass(frozen=True)
 class BacklashOptions(FamilyOptions):
-    """What the fit settles."""
+    """Options that the fit settles."""
 
     smoothing: int | None = settled(
         "int", "samples on either side over which noise of the drive was smoothed", minimum=1
@@ -80,7 +80,7 @@ class BacklashOptions(FamilyOptions):
 
 @dataclass(frozen=True)
 class Followed:
-    """How a load follows a drive through a play.
+    """Motion of a load that follows a drive through a play.
 
     Attributes
     ----------
@@ -351,7 +351,7 @@ def _allow_for_readings(
     ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
 
     def change(rng: np.random.Generator) -> list[FloatArray]:
-        """How another reading of the drive moves the load."""
+        """Return how another reading of the drive moves the load."""
         out = []
         for x, y, error in zip(model.drives, model.loads, errors):
             right = follow(x, ratio, backlash, y)
@@ -379,7 +379,7 @@ def _allow_for_readings(
 
 
 def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any) -> list[Any]:
-    """How far the drive is from the middle of the play: a spring takes a share of it along."""
+    """Distance of the drive from the middle of the play: a spring takes a share of it along."""
     out = []
     for e in experiments:
         f = _follow(plant, e, e.sampled("load_position"))

@@ -141,7 +141,7 @@ class _Reader:
         add_packed(self.sink, name, values, attributes, group=path, samples=lengths, blank=blank)
 
     def _why_not(self, node: Any, attributes: Mapping[str, Any]) -> str:
-        """Why a dataset holds no signal; empty where it may."""
+        """Explain why a dataset holds no signal; empty where it may."""
         if node.shape is None or attributes.get("MATLAB_empty"):
             return "empty"
         word = _word(attributes)
@@ -161,7 +161,7 @@ class _Reader:
             raise self.sink.too_large(name, int(node.size))
 
     def _follow(self, node: Any, name: str, path: str, lengths: list[int], depth: int) -> None:
-        """What a cell array or an array of structures of MATLAB refers to."""
+        """Follow the references of a MATLAB cell array or structure array."""
         if node.size > 1000 or depth > _DEEPEST:
             self.sink.leave(name, f"{node.size} references", group=path)
             return
@@ -191,7 +191,7 @@ def _never_written(node: Any) -> Array | None:
 
 
 def _is_matlab(file: Any) -> bool:
-    """Whether MATLAB wrote a file: it says so in what stands before the HDF5 part."""
+    """Return whether MATLAB wrote a file: it says so in what stands before the HDF5 part."""
     size = file.userblock_size
     if size < 128:
         return False
@@ -211,7 +211,7 @@ def _attributes(node: Any) -> dict[str, Any]:
 
 
 def _is_object(attributes: Mapping[str, Any]) -> bool:
-    """Whether a dataset is what MATLAB keeps of an object."""
+    """Return whether a dataset is what MATLAB keeps of an object."""
     word = _word(attributes)
     plain = not word or word in {*_CLASSES, "cell", "char"} or attributes.get("MATLAB_empty")
     return "MATLAB_object_decode" in attributes or not plain

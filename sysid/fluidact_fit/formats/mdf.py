@@ -87,7 +87,7 @@ def _signals(file: Any, index: int, group: Any, channels: list[int]) -> Iterator
 
 
 def _is_time(master: Any) -> bool:
-    """Whether a master channel counts seconds; before MDF 4 all do."""
+    """Return whether a master channel counts seconds; before MDF 4 all do."""
     return getattr(master, "sync_type", _TIME) in (0, _TIME)
 
 

@@ -174,7 +174,7 @@ def _topics(bag: Any, sink: Sink, ending: str) -> list[_Topic]:
 
 
 class _Definitions:
-    """What the messages of a bag look like, by the definitions in it."""
+    """Message types of a bag, by the definitions in it."""
 
     def __init__(self, ending: str) -> None:
         self._types = library("rosbags.typesys")

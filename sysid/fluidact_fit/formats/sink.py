@@ -1,4 +1,4 @@
-"""What the reader of a recording hands over: vectors of numbers, and an account of the rest."""
+"""Output of the reader of a recording: vectors of numbers, and an account of the rest."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EXACT = 1 << 53  # whole numbers that double precision holds
 
 
 class Sink:
-    """Where a reader puts what it finds; numbers go to a file at once.
+    """Destination of what a reader finds; numbers go to a file at once.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Sink:
         return self._room - self._end
 
     def too_large(self, name: str, count: int) -> LogError:
-        """What is said of a vector or table that takes more."""
+        """Refusal of a vector or table that takes more."""
         return LogError(
             f"'{shown(name)}' has {count} values, more than a file of this size may hold.",
             expected=f"Expected at most {self._room / 1e6:.0f} MB of numbers.",

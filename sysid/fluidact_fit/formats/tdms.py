@@ -123,7 +123,7 @@ def _first(starts: Any) -> Any:
 
 
 def _after(first: Any, start: Any, channel: Any) -> float | None:
-    """When a channel begins, after the earliest of all [s]; ``None`` without even instants."""
+    """Start of a channel after the earliest of all [s]; ``None`` without even instants."""
     properties: Mapping[str, Any] = channel.properties
     step, offset = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
     if step is None:
@@ -137,7 +137,7 @@ def _after(first: Any, start: Any, channel: Any) -> float | None:
 
 
 def _cut(path: str) -> str:
-    """What is said of a file that ends before its last segment does; empty of a whole one."""
+    """Remark on a file that ends before its last segment does; empty for a whole one."""
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         for place, lead in _leads(file, size):

@@ -78,7 +78,7 @@ def _answer(task: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _too_much(task: Mapping[str, Any]) -> list[str]:
-    """What is said of a file that needs too much memory."""
+    """Refusal of a file that needs too much memory."""
     return [
         f"reading it takes more than {task['memory'] / 1e9:.1f} GB of memory.",
         "Expected no more, by the size of the file: it may be damaged.",

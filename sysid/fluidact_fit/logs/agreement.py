@@ -1,4 +1,4 @@
-"""Whether the units of a fit agree: over its logs, among its roles, and with what was said."""
+"""Agreement of the units of a fit: over its logs, among its roles, and with its options."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Stated:
 
     @property
     def place(self) -> str:
-        """Where it is."""
+        """Describe the place."""
         return "the parameter file" if self.log is None else self.log.name
 
     def text(self, beside: _Stated) -> str:
@@ -139,7 +139,7 @@ def overridden_notice(log: Log, bindings: Mapping[str, Binding]) -> Iterator[Not
 
 
 def _contradiction(given: str, header: str, binding: Binding) -> str | None:
-    """How two units of a column contradict each other, ``None`` where they do not."""
+    """Describe how two units of a column contradict each other, ``None`` where they do not."""
     if same_dimension(given, header):
         factor = conversion_factor(given, header)
         references = {pressure_reference(given), pressure_reference(header)} - {""}

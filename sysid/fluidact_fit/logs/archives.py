@@ -36,7 +36,7 @@ _DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAEr
 
 
 class Budget:
-    """What may still come out of an archive, of all its members.
+    """Number of bytes that the members of an archive may still yield.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ def _refusal(what: str, name: str) -> LogError:
 
 
 def is_packed(raw: bytes) -> bool:
-    """Whether bytes are those of an archive."""
+    """Return whether bytes are those of an archive."""
     return any(map(raw.startswith, _PACKED))
 
 
 def unpack(raw: bytes, name: str) -> bytes:
-    """What an archive holds; bytes that are none as they are.
+    """Unpack an archive; return other bytes unchanged.
 
     Raises
     ------

@@ -101,7 +101,7 @@ def read_binary(raw: bytes, name: str) -> Found | None:
 
 
 def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str | None:
-    """What reads a file, by its first bytes."""
+    """Choose the reader of a file by its first bytes."""
     head = look(0, 128)
     for magic, (what, remedy) in _UNFIT.items():
         if head.startswith(magic):
@@ -131,7 +131,7 @@ def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str |
 
 
 def _matlab_4_size(head: bytes) -> int:
-    """Where the first matrix of a MATLAB 4 file ends, 0 for the head of anything else [bytes]."""
+    """End of the first matrix of a MATLAB 4 file [bytes]; 0 for any other file."""
     for order in "<>":
         if len(head) < 22:
             return 0
@@ -185,7 +185,7 @@ class _Assembly:
         return Found(self.recording.dialect, columns, notices, elements, self.recording.sha256)
 
     def _missed(self) -> str:
-        """What may have been a signal and is not among the columns."""
+        """List elements that may have been signals and are not among the columns."""
         text = "; ".join(self.missed[:_SHOWN])
         more = f" and {len(self.missed) - _SHOWN} more" if len(self.missed) > _SHOWN else ""
         return f"{count_of(len(self.missed), 'element')} left out: {text}{more}"
@@ -203,7 +203,7 @@ class _Assembly:
         )
 
     def _headers(self) -> dict[int, str]:
-        """What the columns are called: groups distinguish names that repeat."""
+        """Return the headers of the columns: groups distinguish duplicate names."""
         dotted = self.recording.dialect in ("HDF5", "MATLAB 7.3")
         names = Counter(self.vectors[k].name for k in self.channels)
         found = {}
@@ -343,7 +343,7 @@ class _Assembly:
 
 
 def _is_time(vector: Vector) -> bool:
-    """Whether a vector is called as instants are, and has no other unit."""
+    """Return whether a vector is called as instants are, and has no other unit."""
     if vector.clock:
         return True
     name, unit = parse_unit_from_header(vector.name)

@@ -17,13 +17,13 @@ _REGULAR = 0.9  # of the steps; others are gaps, or where it starts again
 
 @dataclass(frozen=True)
 class Carry:
-    """How far a lower number counts, give or take ``spread``."""
+    """Carry of a lower counter into a higher one, give or take ``spread``."""
 
     base: float
     spread: float
 
     def is_at(self, base: float) -> bool:
-        """Whether it may count up to that."""
+        """Return whether it may count up to that."""
         return abs(self.base - base) <= self.spread
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a log, or looks as if it were: notices, never errors."""
+"""Checks of a log for what is wrong or looks so: notices, never errors."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
 
 
 def _is_far(values: FloatArray, extreme: float) -> bool:
-    """Whether a value is far from all others; a few of them mostly show that it is not."""
+    """Return whether a value is far from all others; a few of them mostly show that it is not."""
     low, high = np.inf, -np.inf
     for at in blocks(values.size):
         others = values[at][values[at] != extreme]
@@ -189,7 +189,7 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
 
 
 def _stays_at(values: FloatArray, end: float) -> bool:
-    """Whether a signal stays at an end of its range for as long as a clipped one would."""
+    """Return whether a signal stays at an end of its range for as long as a clipped one would."""
     for at in blocks(values.size):
         there = np.flatnonzero(values[at.start : at.stop + _STUCK - 1] == end)
         if np.any(there[_STUCK - 1 :] - there[: 1 - _STUCK] == _STUCK - 1):
@@ -198,7 +198,7 @@ def _stays_at(values: FloatArray, end: float) -> bool:
 
 
 def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> BoolArray:
-    """Whether a signal is fast both right before and right after it stays on a value.
+    """Return whether a signal is fast both right before and right after it stays on a value.
 
     Fast is a quarter of what it is at its fastest, but for a tenth of the samples. Stays at
     the ends of the record are not judged: one of the two sides is not known.

@@ -179,7 +179,7 @@ def _read_column(columns: Mapping[int, Sequence[str]], clock: int, dates: int | 
 
 
 def _drops_zeros(cells: Sequence[str], instants: Sequence[int | None]) -> bool:
-    """Whether fractions of a second have fewer digits where they are small: 5 ms as ``.5``.
+    """Return whether fractions of a second have fewer digits where they are small: 5 ms as ``.5``.
 
     The clock then goes back within a second.
     """
@@ -197,7 +197,7 @@ def _unread(cells: Sequence[str], doubt: str, remedy: str) -> _Instants:
 
 
 def _day_first(slashed: set[tuple[int, int, int]]) -> bool | None:
-    """Whether the day stands first in such dates, ``None`` where they do not tell."""
+    """Return whether the day stands first in such dates, ``None`` where they do not tell."""
     if len(slashed) <= 1 and all(max(a, b) <= 12 for a, b, _ in slashed):
         return True  # any day is as good as another
     years = {year for *_, year in slashed}

@@ -80,7 +80,7 @@ def read_trace(source: Source, written: Written) -> tuple[Layout, Table] | None:
 
 
 def _channels(lines: Sequence[str], name: str) -> tuple[dict[str, str], list[_Channel]]:
-    """What is said of the trace, and its channels."""
+    """Read the description of the trace, and its channels."""
     top: dict[str, str] = {}
     keys: dict[str, str] = {}
     out: list[_Channel] = []

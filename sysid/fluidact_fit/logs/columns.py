@@ -1,4 +1,4 @@
-"""Which column plays which role, in which unit."""
+"""Assignment of columns to roles, with their units."""
 
 from __future__ import annotations
 
@@ -194,20 +194,20 @@ def default_column(log: Log, role: str) -> Column | None:
 
 
 def _is_called_time(column: Column) -> bool:
-    """Whether a column has another name of time, in a unit of it or in none."""
+    """Return whether a column has another name of time, in a unit of it or in none."""
     named = is_time_name(column.name) or is_time_name(column.header)
     named = named or (column.index == 1 and _fold(column.name) == "x" and _is_even(column))
     return named and (column.unit is None or same_dimension(column.unit, TIME.unit))
 
 
 def _is_even(column: Column) -> bool:
-    """Whether all steps are the same but for rounding, as those of the axis of a plot are."""
+    """True if all steps are the same but for rounding, as those of the axis of a plot are."""
     steps = np.diff(column.values)
     return steps.size > 2 and bool(np.all(np.abs(steps - steps.mean()) < _EVEN * steps.mean()))
 
 
 def _is_given(log: Log, column: Column) -> bool:
-    """Whether ``--column`` gives a column to some role."""
+    """Return whether ``--column`` gives a column to some role."""
     return any(c is column for wanted in log.bindings.values() for c in matching(log, wanted))
 
 
@@ -325,7 +325,7 @@ def time_candidate(log: Log) -> Binding | None:
 
 
 def _grows(column: Column) -> bool:
-    """Whether a column of numbers mostly grows."""
+    """Return whether a column of numbers mostly grows."""
     steps = np.diff(column.stamps)
     whole = is_finite(column.values) and steps.size > 0
     return whole and not column.part_of and float(np.mean(steps > 0)) > 0.5
@@ -347,7 +347,7 @@ def counts_for(log: Log, column: Column) -> Column | None:
 
 
 def _grows_as_time(column: Column) -> bool:
-    """Whether a column without a unit grows, and is called so or stamped as clocks stamp.
+    """Return whether a column without a unit grows, and is called so or stamped as clocks stamp.
 
     A calibration grows as well, as evenly as it was loaded; its name tells, if it has one.
     """
@@ -365,7 +365,7 @@ def _grows_as_time(column: Column) -> bool:
 
 
 def _needs_column(log: Log, role: Role) -> bool:
-    """Whether neither a step nor a sample time stands for a role."""
+    """Return whether neither a step nor a sample time stands for a role."""
     return role.name not in log.steps and (role.name != "time" or log.sample_time is None)
 
 

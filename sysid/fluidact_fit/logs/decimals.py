@@ -98,7 +98,7 @@ class _Tally:
 
     @property
     def both(self) -> bool:
-        """Whether both signs stand before decimals, and not in a damaged cell alone."""
+        """Return whether both signs stand before decimals, and not in a damaged cell alone."""
         return self.against > _FEW * self.sure
 
     @property
@@ -111,7 +111,7 @@ class _Tally:
 
     @property
     def open(self) -> bool:
-        """Whether other lines may hold a cell that these do not tell."""
+        """Return whether other lines may hold a cell that these do not tell."""
         return self.doubtful is not None or (self.both and self.sure > 0)
 
 

@@ -1,4 +1,4 @@
-"""What a log holds, for people and for the provenance of a result."""
+"""Description of a log, for people and for the provenance of a result."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _describe_column(column: Column) -> dict[str, Any]:
 
 
 def _turns(log: Log) -> list[Notice]:
-    """Which columns of angles begin again, or seem to."""
+    """Columns of angles that wrap, or seem to."""
     notices = []
     for column in log.columns:
         if column.unit and same_dimension(column.unit, "rad"):

@@ -244,7 +244,7 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
 
 
 def _is_quoted_row(line: str) -> bool:
-    """Whether all of a line stands in one pair of quotes, with a separator in it twice."""
+    """Return whether all of a line stands in one pair of quotes, with a separator in it twice."""
     found = _QUOTED_LINE.fullmatch(line)
     return found is not None and any(found[1].count(sign) > 1 for sign in "\t;,|")
 
@@ -256,7 +256,7 @@ def _unquoted(line: str) -> str:
 
 
 def _has_tabs(body: Sequence[str]) -> bool:
-    """Whether tabs separate the columns: blanks are then part of a cell, as in ``4 004``."""
+    """Return whether tabs separate the columns: blanks are then part of a cell, as in ``4 004``."""
     counts = Counter(line.strip().count("\t") for line in body)
     usual, share = counts.most_common(1)[0] if counts else (0, 0)
     return usual > 0 and share > 0.8 * len(body)
@@ -308,14 +308,14 @@ def _rate_cut(
 
 
 def _is_cut_wrong(cell: str, delimiter: str) -> float:
-    """How wrong it is to take a text for one cell, which may be several numbers."""
+    """Score the mistake of taking a text for one cell, which may be several numbers."""
     if _LIST.match(cell) or (delimiter == " " and _COMMAS.match(cell)) or _QUOTED_IN.match(cell):
         return _LIST_WRONG
     return _CUT_WRONG if _several(cell) else 0.0
 
 
 def _several(cell: str) -> bool:
-    """Whether a cell holds more numbers than one."""
+    """Return whether a cell holds more numbers than one."""
     return len(cell) < LONG_CELL and not is_stamp(cell) and _SEVERAL.match(cell) is not None
 
 
@@ -329,7 +329,7 @@ def _no_table(name: str, skipped: int = 0) -> LogError:
 
 
 def _no_header(line: str, named: int, cut: Cut, name: str) -> LogError:
-    """Why the line that the user named has no names of the columns."""
+    """Explain why the line that the user named holds no column names."""
     cells = cut.split(line)
     if len(cells) == cut.width and any(cells):
         found = "it holds numbers"
@@ -474,6 +474,6 @@ def _stray_notice(layout: Layout, name: str) -> Iterator[Notice]:
 
 
 def _is_time(header: str) -> bool:
-    """Whether a header names the time, or has a unit of it."""
+    """Return whether a header names the time, or has a unit of it."""
     name, unit = parse_unit_from_header(header)
     return name.casefold() in ("time", "t") or (unit is not None and same_dimension(unit, "s"))

@@ -47,7 +47,7 @@ def of_integers(values: npt.NDArray[Any]) -> Exact | None:
 
 
 def _parts(values: npt.NDArray[Any]) -> bool:
-    """Whether doubles hold parts of whole numbers, or whole numbers that they do not resolve."""
+    """True if doubles hold parts of whole numbers, or whole numbers that they do not resolve."""
     return bool(np.abs(values).max() > 2**53 or (values != np.round(values)).any())
 
 

@@ -117,7 +117,7 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
 
 
 def _deviations(stamps: FloatArray, step: float) -> tuple[float, float]:
-    """How far stamps lie before and behind a grid that begins with the first one."""
+    """Return how far stamps lie before and behind a grid that begins with the first one."""
     ends = []
     for at in blocks(stamps.size):
         off = stamps[at] - (stamps[0] + np.arange(at.start, at.stop) * step)

@@ -145,7 +145,7 @@ def find_header(
 
 
 def _is_name_beside(cell: str, row: _Row) -> bool:
-    """Whether a cell of a row with units is a part of a name.
+    """Return whether a cell of a row with units is a part of a name.
 
     In a row of units that is a long word, several, or one without the brackets of the others.
     """
@@ -156,7 +156,7 @@ def _is_name_beside(cell: str, row: _Row) -> bool:
 
 
 def _counts_from_one(rows: Sequence[str], cut: Cut) -> bool:
-    """Whether the first cells of the rows go on with what began with a 1 above them."""
+    """Return whether the first cells of the rows go on with what began with a 1 above them."""
     firsts = [cells[0] for line in rows[:_ABOVE] if (cells := cut.split(line))]
     numbers = [float(c.replace(",", ".")) for c in firsts if NUMBER[cut.decimal].match(c)][:2]
     if len(numbers) < 2:
@@ -166,7 +166,7 @@ def _counts_from_one(rows: Sequence[str], cut: Cut) -> bool:
 
 
 def _contradict(units: _Row, names: _Row) -> bool:
-    """Whether cells that are units cannot be those of the names above.
+    """Return whether cells that are units cannot be those of the names above.
 
     A name says another unit itself, or is a time and the cells are one and the same other unit:
     words for what was not measured, as ``A``, are units as well.
@@ -186,7 +186,7 @@ def _contradict(units: _Row, names: _Row) -> bool:
 
 
 def _is_index_row(rows: Sequence[_Row]) -> bool:
-    """Whether the lowest row names the first column alone, as pandas does below other names."""
+    """True if the lowest row names the first column alone, as pandas does below other names."""
     if len(rows) < 2 or len(rows[0].cells) < 2 or not rows[1].is_header:
         return False
     first, *rest = rows[0].cells
@@ -319,7 +319,7 @@ def _names_alone(rows: Sequence[_Row], cut: Cut, indexed: bool) -> tuple[_Row, _
 
 
 def _has_unit(cell: str) -> bool:
-    """Whether a cell is a name with a unit."""
+    """Return whether a cell is a name with a unit."""
     name, unit = parse_unit_from_header(cell)
     return unit is not None and name != unit
 
@@ -374,7 +374,7 @@ def _pair(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
 
 
 def _less_units(names: _Row, units: _Row) -> bool:
-    """Whether the cells of names are not units as well, where ``in`` and ``min`` are no names."""
+    """True if the cells of names are not units as well, where ``in`` and ``min`` are no names."""
     return not names.are_units or (
         _are_units(units.cells, 1.0) and not _are_units(names.cells, 1.0)
     )
@@ -407,7 +407,7 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
 
 
 def _is_lost(cell: str) -> bool:
-    """Whether nothing of a cell outlived its encoding."""
+    """Return whether nothing of a cell outlived its encoding."""
     return bool(cell) and set(cell) <= {"?", "\ufffd"}
 
 
@@ -420,7 +420,7 @@ def _merge_units(line: str, width: int) -> list[str]:
 
 
 def _are_units(cells: Iterable[str], needed: float) -> bool:
-    """Whether the needed share of the cells with text are units, and one at least."""
+    """Return whether the needed share of the cells with text are units, and one at least."""
     filled = [cell for cell in cells if _clean_unit(cell).casefold() not in _NO_UNIT]
     found = sum(map(_is_unit, filled))
     return found > 0 and found >= needed * len(filled)

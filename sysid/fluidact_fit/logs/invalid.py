@@ -48,7 +48,7 @@ def usable_rows(log: Log, binding: Binding, rows: IndexArray) -> IndexArray:
 
 @dataclass(frozen=True)
 class Kept:
-    """What is left of a log without the rows in which a used cell is no number.
+    """A log without the rows in which a used cell is no number.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ def _refusal(log: Log, binding: Binding, rows: IndexArray, wrong: IndexArray) ->
 
 
 def _way_out(role: str, text: str) -> str:
-    """What to do with a cell that may be a number in another form; nothing for any other."""
+    """Suggest what to do with a cell that may be a number in another form; empty for any other."""
     if any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         return f"If '{sign}' stands between thousands, give --thousands '{sign}'."

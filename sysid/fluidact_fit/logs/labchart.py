@@ -93,7 +93,7 @@ def _refusal(
 
 
 def _blocks(lines: Sequence[str]) -> list[tuple[dict[str, list[str]], int, int]]:
-    """What is said of every block, the index of its first line and of its first row."""
+    """Return the description of every block, the index of its first line and of its first row."""
     out, end = [], 0
     for begin, line in enumerate(lines):
         if begin < end or not line.startswith(_FIRST):

@@ -1,4 +1,4 @@
-"""How lines of a log are cut into cells, and where its table is."""
+"""Cutting of log lines into cells, and the place of the table."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SIGNS = re.compile(r"[*?~]+|#{2,}|-{1,4}")
 
 
 def says_nothing(cell: str) -> bool:
-    """Whether a cell is empty, or says that there is no number: ``n/a``, ``#REF!``, ``***``."""
+    """True if a cell is empty, or says that there is no number: ``n/a``, ``#REF!``, ``***``."""
     return cell.casefold() in _NO_VALUE or _SIGNS.fullmatch(cell) is not None
 
 
@@ -65,13 +65,13 @@ class Hints:
     names: tuple[str, ...] = ()
 
     def is_session(self, line: str) -> bool:
-        """Whether the logger itself wrote a line between data."""
+        """Return whether the logger itself wrote a line between data."""
         return bool(self.session_mark) and line.startswith(self.session_mark)
 
 
 @dataclass(frozen=True)
 class Written:
-    """What the user says about how a log is written; ``None`` where it is to be found.
+    """User's description of a log's layout; ``None`` where it is to be detected.
 
     ``decimal``, ``thousands`` and ``delimiter`` are signs; ``skip_rows`` lines at the top are not
     looked at; ``header_row`` is the line of the header, from 1.
@@ -86,7 +86,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Cut:
-    """How lines are cut into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
+    """Rule that cuts lines into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
 
     ``width`` is the number of columns, ``trailing`` whether rows end with one more separator,
     ``thousands`` the sign between groups of three digits, empty without one. ``lead`` cells stand
@@ -158,7 +158,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Layout(Cut):
-    """Where the table is and how to split it.
+    """Place of the table and rule for splitting it.
 
     Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
     entry per column, empty text when absent. ``again`` are the lines of both, which loggers

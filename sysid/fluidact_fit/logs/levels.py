@@ -9,7 +9,7 @@ _LONG = 10  # letters of one word, of which no unit has as many
 
 
 def groups(upper: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
-    """Whether a row has the names of groups of the columns that the rows below it name.
+    """Return whether a row has the names of groups of the columns that the rows below it name.
 
     It repeats a name for the next column, or the names below are distinct with its names only.
     """
@@ -38,7 +38,7 @@ def join_levels(
 
 
 def is_wordy(cell: str) -> bool:
-    """Whether a cell is a long word, or several, as no unit is."""
+    """Return whether a cell is a long word, or several, as no unit is."""
     words = [word for word in cell.split() if word.isalpha() and len(word) > 1]
     return len(words) > 1 or any(len(word) > _LONG for word in words)
 

@@ -1,4 +1,4 @@
-"""What a log is once it has been read: numbers by column, nothing converted yet."""
+"""A log after reading: numbers by column, nothing converted yet."""
 
 from __future__ import annotations
 
@@ -74,18 +74,18 @@ class Column:
 
     @property
     def stamps(self) -> FloatArray:
-        """What its differences are taken of: the values, or those to the first, shape ``(n,)``."""
+        """Numbers to take differences of: the values, or those to the first, shape ``(n,)``."""
         return self.values if self.exact is None else self.exact.since
 
     @property
     def label(self) -> str:
-        """How messages call the column: its header, or ``#3``."""
+        """Name of the column in messages: its header, or ``#3``."""
         return self.header or f"#{self.index}"
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the file was written; ``name`` is ``"delimited"`` or that of a recognised logger.
+    """Dialect of a file; ``name`` is ``"delimited"`` or that of a recognised logger.
 
     Line numbers count from 1 and are ``None`` when absent; ``preamble`` is the number of lines
     before the header, or before the data without one. ``delimiter`` is ``" "`` for columns
@@ -105,7 +105,7 @@ class Dialect:
 
 @dataclass(frozen=True)
 class Exclusion:
-    """What is left out of a log: from ``low`` to ``high`` of its ``kind``, both included.
+    """Exclusion from a log: from ``low`` to ``high`` of its ``kind``, both included.
 
     ``kind`` is ``run`` (counted from 1), ``time`` [s, on each run's own time], ``rows`` of the
     data (counted from 1) or ``lines`` of the file.
@@ -125,7 +125,7 @@ class Exclusion:
 
 @dataclass(frozen=True)
 class Element:
-    """What became of a channel, dataset or variable of a binary recording.
+    """Outcome of a channel, dataset or variable of a binary recording.
 
     ``fate`` is ``read``, ``converted`` or ``left out``; ``how`` says by what, or why.
     """
@@ -137,7 +137,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Account:
-    """What every line of a file was taken for, or every element of a binary recording.
+    """Account of every line of a file, or of every element of a binary recording.
 
     ``header_lines`` stand above the data: preamble, header, units and empty ones;
     ``blank_lines`` are the empty ones below. ``left_out`` has line and reason of every line with

@@ -49,7 +49,7 @@ def refuse_long_form(log: Log) -> None:
 
 
 def _is_time_of_each(column: Column, groups: list[np.ndarray]) -> bool:
-    """Whether a column grows within every group of rows, but not from row to row."""
+    """Return whether a column grows within every group of rows, but not from row to row."""
     together = column.stamps[np.sort(np.concatenate(groups))]
     if np.isnan(together).any() or bool(np.all(np.diff(together) > 0.0)):
         return False

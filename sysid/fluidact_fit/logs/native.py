@@ -70,7 +70,7 @@ class Vector:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds.
+    """Content of a file.
 
     ``converted`` has elements with how they were converted, ``left_out`` those that are none of
     its vectors: name, reason, and whether it may have been a signal. ``sha256`` is that of the
@@ -163,7 +163,7 @@ class _Shared:
 
     @property
     def inherited(self) -> tuple[int, ...]:
-        """What the other process has to be given for its path to lead there."""
+        """Return the environment that makes the other process find these modules."""
         return (self.file.fileno(),) if self.path.startswith(_FDS) else ()
 
 
@@ -231,7 +231,7 @@ def _run(task: Mapping[str, Any], shared: tuple[_Shared, ...], name: str) -> tup
 
 
 def _paths() -> list[str]:
-    """Where modules are found, here as there; never in the folder that happens to be the working
+    """Return the module search path, never with the folder that happens to be the working
     one."""
     home = str(Path(__file__).parents[2])
     known = [p for p in sys.path if os.path.isabs(p)]
@@ -261,7 +261,7 @@ def _require_unchanged(given: _Shared, source: Path, before: os.stat_result, nam
 
 
 def _description(answer: BinaryIO, ended: int, task: Mapping[str, Any], name: str) -> Any:
-    """What the process left of its own accord; ``LogError`` for whatever else."""
+    """Return what the process wrote of its own accord; ``LogError`` for anything else."""
     answer.seek(0)
     text = answer.read(_LONGEST + 1)
     if ended == 0 and len(text) <= _LONGEST:

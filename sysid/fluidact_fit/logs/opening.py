@@ -27,7 +27,7 @@ _ROWS = r"\d+(?::\d+)?(?:\s*,\s*\d+(?::\d+)?)*"
 
 
 class Reading(TypedDict, total=False):
-    """How logs are read: what :func:`open_logs` takes beside them, by keyword.
+    """Options for reading logs: keywords of :func:`open_logs`.
 
     ``exclude``, ``exclude_rows``, ``set`` and ``steps`` concern one log of several where ``LOG:``
     stands before the part or the role: its name, with ``*`` for any part of it. For the others
@@ -164,7 +164,7 @@ def _refuse_own_file(log: LogLike) -> None:
 
 
 def _texts(given: Mapping[str, str] | Sequence[str] | str | None) -> list[str]:
-    """What is given as texts: entries of a mapping as ``KEY=VALUE``."""
+    """Return the given texts: entries of a mapping as ``KEY=VALUE``."""
     if isinstance(given, Mapping):
         return [f"{key}={value}" for key, value in given.items()]
     return [given] if isinstance(given, str) else list(given or ())

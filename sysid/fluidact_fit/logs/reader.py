@@ -167,7 +167,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
 
 
 def _turn(role: str, given: float | str | None) -> float:
-    """What a column begins again after, 0 for never."""
+    """Value at which a column wraps, 0 for never."""
     with contextlib.suppress(TypeError, ValueError):
         turn = 0.0 if given is None or given == "none" else float(given)
         if math.isfinite(turn) and turn >= 0.0:
@@ -258,7 +258,7 @@ def _checked_writing(written: Written) -> Written:
 
 
 def _account(source: Source, layout: Layout, table: Table) -> Account:
-    """What every line was taken for; ``LogError`` if that does not add up."""
+    """Account for every line; ``LogError`` if the account does not add up."""
     total = source.line_ends + (not source.data.endswith(b"\n"))
     rows, above = table.data_lines, layout.first_row
     blank = total - above - rows - len(table.left_out)

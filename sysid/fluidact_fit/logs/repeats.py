@@ -62,7 +62,7 @@ def check_repeats(
 
 
 def _others_move(experiment: Experiment, role: str) -> bool:
-    """Whether another channel moves while one repeats its reading, as it does at other rows."""
+    """True if another channel moves while one repeats its reading, as it does at other rows."""
     if role not in experiment or experiment[role].size != experiment.time.size:
         return False
     new = np.diff(experiment[role]) != 0.0
@@ -78,7 +78,7 @@ def _others_move(experiment: Experiment, role: str) -> bool:
 
 
 def _may_repeat(values: FloatArray) -> bool:
-    """Whether there are rows enough without a new reading, beside those of a motion.
+    """Return whether there are rows enough without a new reading, beside those of a motion.
 
     A quick look, block by block, that spares nearly all signals the other one.
     """
@@ -163,7 +163,7 @@ def _table(e: Experiment, variant: Variant) -> FloatArray:
 
 
 def _overlap(one: FloatArray, two: FloatArray) -> bool:
-    """Whether some consecutive rows, each unlike the one before, stand in both."""
+    """Return whether some consecutive rows, each unlike the one before, stand in both."""
     if one.shape[1] != two.shape[1]:
         return False
     for at in np.linspace(0, two.shape[0] - _ROWS, _PROBES).astype(int):

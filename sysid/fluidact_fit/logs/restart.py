@@ -68,7 +68,7 @@ def refuse_other_header(
 
 
 def _alike(texts: Sequence[str], known: Sequence[str]) -> bool:
-    """Whether names stand in the same places, and others are empty."""
+    """Return whether names stand in the same places, and others are empty."""
     places = [list(map(bool, row)) for row in (texts, known)]
     return places[0] == places[1] and not all(places[0])
 
@@ -146,7 +146,7 @@ def _refuse_names_above_row(lines: Sequence[str], number: int, layout: Layout, n
 
 
 def _label(line: str) -> tuple[str, str]:
-    """What a line names and what it says of it, both without separators: ``channel`` and ``2``."""
+    """Split a line into its label and the rest, both without separators: ``channel`` and ``2``."""
     words = line.strip().strip("#%;,|\t ")
     if len(words) > LONG_CELL:
         return "", ""
@@ -204,7 +204,7 @@ def _is_row(cells: Sequence[str], cut: Cut) -> bool:
 
 
 def _are_words(cells: Sequence[str], cut: Cut) -> bool:
-    """Whether every cell with text is a word, and there are some."""
+    """Return whether every cell with text is a word, and there are some."""
     texts = [cell.strip() for cell in cells if cell.strip()]
     return bool(texts) and all(
         any(map(str.isalpha, text)) and not says_nothing(text) and not cut.is_value(text)
@@ -213,7 +213,7 @@ def _are_words(cells: Sequence[str], cut: Cut) -> bool:
 
 
 def _names_columns(cells: Sequence[str], headers: Sequence[str]) -> bool:
-    """Whether words name a column that a header has, too, or most of them have units."""
+    """Return whether words name a column that a header has, too, or most of them have units."""
     named = [parse_unit_from_header(text.strip()) for text in cells]
     known = {parse_unit_from_header(text)[0].casefold() for text in headers} - {""}
     if any(is_time_name(name) for name, _ in named[:1]):

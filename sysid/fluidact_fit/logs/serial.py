@@ -1,4 +1,4 @@
-"""What microcontrollers print: captures of a serial line.
+"""Captures of the serial output of microcontrollers.
 
 The monitor of the Arduino IDE writes ``HH:MM:SS.mmm -> `` before every line, and sketches for its
 plotter ``name:value`` for every value; other programs write ``name=value``, in any order, and a
@@ -34,7 +34,7 @@ _USUAL = 0.05  # share of the lines, from which on other names are no damage
 
 @dataclass(frozen=True)
 class Capture:
-    """What a capture writes around its values.
+    """Text that a capture writes around its values.
 
     ``arrow`` says whether a clock stands before the lines; ``names`` are those before the values,
     each with the unit behind it, empty without names. A line has those of one of the ``usual``
@@ -51,7 +51,7 @@ class Capture:
         return [values for _, values in filter(None, parts)]
 
     def around(self, cut: Cut) -> Cut:
-        """How to cut whole lines, from how to cut their values."""
+        """Derive the rule that cuts whole lines from the one that cuts their values."""
         return replace(
             cut, width=cut.width + self.arrow, tidy=partial(self._tidy, delimiter=cut.delimiter)
         )
@@ -94,7 +94,7 @@ def find_pairs(line: str) -> list[tuple[str, str]]:
 
 
 def recognise(lines: Sequence[str]) -> Capture | None:
-    """What a capture writes around its values, from lines of its table; ``None`` for other logs."""
+    """Recognise the text around the values of a capture; ``None`` for other logs."""
     arrow = _most(sum(_ARROW.match(line) is not None for line in lines), lines)
     rest = [_ARROW.sub("", line) for line in lines] if arrow else lines
     counts = Counter(tuple(name for name, _ in find_pairs(line)) for line in rest)

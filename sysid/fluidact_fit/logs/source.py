@@ -47,7 +47,7 @@ class Source:
 
     @cached_property
     def line_ends(self) -> int:
-        """How many there are."""
+        """Number of line ends."""
         return self.data.count(b"\n")
 
     def lines(self) -> list[str]:
@@ -56,7 +56,7 @@ class Source:
 
 
 def name_of(path: Path) -> str:
-    """What messages call a file."""
+    """Return the name of a file in messages."""
     return "standard input" if str(path) == "-" else path.name
 
 
@@ -133,7 +133,7 @@ def _read_raw(path: Path) -> bytes:
 
 
 def _file_in(folder: Path) -> str:
-    """What to do about a folder that was given as a log."""
+    """Suggest what to do about a folder that was given as a log."""
     parts = [part.name for part in _parts_of_bag(folder)]
     if len(parts) > 1:
         return (
@@ -212,7 +212,7 @@ def _code_page(raw: bytes) -> str:
 
 
 def _is_korean(raw: bytes) -> bool:
-    """Whether bytes beyond ASCII are syllables of Hangul: pairs such as no Latin text has."""
+    """True if bytes beyond ASCII are syllables of Hangul: pairs such as no Latin text has."""
     runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
     syllables = re.compile(rb"([\xb0-\xc8][\xa1-\xfe])+")
     return bool(runs) and all(map(syllables.fullmatch, runs))

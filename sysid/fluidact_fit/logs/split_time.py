@@ -96,7 +96,7 @@ def _pairs(columns: Sequence[Column]) -> Iterator[tuple[Column, Column, int]]:
 
 
 def _belong_together(whole: Column, part: Column, base: int) -> bool:
-    """Whether two columns are whole numbers, the second one a part of what the first counts."""
+    """True if two columns are whole numbers, the second one a part of what the first counts."""
     if not all(map(_is_whole, (whole.values, part.values))):
         return False
     if np.nanmin(part.values) < 0 or np.nanmax(part.values) >= base:

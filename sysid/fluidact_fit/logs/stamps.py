@@ -197,7 +197,7 @@ def _name_of(zone: str | None) -> str:
 
 
 def _offset(zone: str | None) -> int:
-    """How far a zone is ahead of UTC [ns], where it says so."""
+    """Offset of a zone ahead of UTC [ns], where it says so."""
     if zone is None or zone[0] not in "+-":
         return 0
     size = (int(zone[1:3]) * 60 + int(zone[3:].lstrip(":") or 0)) * 60 * SECOND

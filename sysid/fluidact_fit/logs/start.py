@@ -1,4 +1,4 @@
-"""Where the table of a log begins, and which lines above it look as if they were rows.
+"""Detection of where the table of a log begins, and of lines above it that look like rows.
 
 Lines come in blocks: numbers here, text there. The table begins with the first block that can
 hardly be of a preamble; what looks like a row above that is named, for somebody to judge.
@@ -76,19 +76,19 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
 
 
 def _is_plain(line: str) -> bool:
-    """Whether a line that is no whole row holds nothing but numbers, however separated."""
+    """Return whether a line that is no whole row holds nothing but numbers, however separated."""
     return bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
 
 
 def holds_numbers(line: str, cut: Cut) -> bool:
-    """Whether half of the cells of a line are numbers, or one where it is as wide as a row."""
+    """True if half of the cells of a line are numbers, or one where it is as wide as a row."""
     cells = cut.split(line)
     wide = _is_wide(cells, cut) and any(map(cut.is_value, cells)) and not is_entry(cells)
     return wide or 0 < 2 * sum(map(cut.is_number, cells)) >= len(cells)
 
 
 def looks_like_row(line: str, cut: Cut) -> bool:
-    """Whether a line begins with a number, as those of a preamble do not, or holds mostly such.
+    """True if a line begins with a number, as those of a preamble do not, or holds mostly such.
 
     "Key value" of a preamble is half a row of two.
     """
@@ -99,7 +99,7 @@ def looks_like_row(line: str, cut: Cut) -> bool:
 
 
 def is_entry(cells: Sequence[str]) -> bool:
-    """Whether a key stands before what is said of it: ``type: matrix``."""
+    """Return whether a key stands before what is said of it: ``type: matrix``."""
     keys = [cell.endswith(":") for cell in cells]
     return any(keys[:-1]) and not all(keys)
 
@@ -163,6 +163,6 @@ def _below_entries(lines: Sequence[str], block: _Block, worded: set[int], cut: C
 
 
 def _names_columns(line: str, cut: Cut) -> bool:
-    """Whether a line without numbers has as many cells as a row."""
+    """Return whether a line without numbers has as many cells as a row."""
     cells = cut.split(line)
     return _is_wide(cells, cut) and not any(map(cut.is_value, cells))

@@ -39,7 +39,7 @@ _MOST_APART = 20  # rows of statistics below names of their own
 
 
 def begins_with_statistic(line: str) -> bool:
-    """Whether a line begins with the word for a statistic."""
+    """Return whether a line begins with the word for a statistic."""
     return _LABELLED.match(line) is not None
 
 
@@ -94,7 +94,7 @@ def _of_column(
 
 
 def _is_full(rows: Sequence[Sequence[str]], column: int, but: Mapping[int, str], cut: Cut) -> bool:
-    """Whether a column has a number in every row but some."""
+    """Return whether a column has a number in every row but some."""
     return all(cut.is_value(row[column].strip()) for k, row in enumerate(rows) if k not in but)
 
 

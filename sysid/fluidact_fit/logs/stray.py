@@ -1,4 +1,4 @@
-"""What of the lines above a table may be rows: written in another form, damaged, or both.
+"""Detection of lines above a table that may be rows: in another form, damaged, or both.
 
 Nothing of a log is left out in silence: what cannot be told from data is named, for somebody to
 judge. A preamble says in words what its numbers are.
@@ -44,7 +44,7 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
 
 
 def is_damaged_row(line: str, cut: Cut) -> bool:
-    """Whether every cell would be a decimal number but for a sign or two, or its decimal sign.
+    """True if every cell would be a decimal number but for a sign or two, or its decimal sign.
 
     Or one is such a number, and the first begins with a digit, as no name does; or there are
     decimals and no letters, or signs that nobody writes among digits. What holds an instant is no
@@ -68,13 +68,13 @@ def is_damaged_row(line: str, cut: Cut) -> bool:
 
 
 def holds_digits(line: str) -> bool:
-    """Whether a line has digits, and no more letters than these."""
+    """Return whether a line has digits, and no more letters than these."""
     digits = sum(map(str.isdigit, line))
     return digits > 0 and digits >= sum(map(str.isalpha, line))
 
 
 def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
-    """Whether names below a row may be one that was damaged.
+    """Return whether names below a row may be one that was damaged.
 
     They hold signs that no name has, or begin with digits.
     """
@@ -85,7 +85,7 @@ def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
 
 
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
-    """Whether a line holds as many numbers as a row, and nothing else but what separates them.
+    """True if a line holds as many numbers as a row, and nothing else but what separates them.
 
     Or it has just as many cells, half of them numbers.
     """
@@ -104,13 +104,13 @@ def _is_row_of_another_form(line: str, cut: Cut) -> bool:
 
 
 def _begins_a_list(cells: Sequence[str], line: str) -> bool:
-    """Whether half of several cells are numbers, the first among them."""
+    """Return whether half of several cells are numbers, the first among them."""
     numbers = list(map(_is_any_number, cells))
     return len(cells) > 1 and numbers[0] and 2 * sum(numbers) >= len(cells) and holds_digits(line)
 
 
 def _is_all_numbers(cells: Sequence[str], cut: Cut) -> bool:
-    """Whether as many cells as a row has say a number, or that there is none, and no other."""
+    """True if as many cells as a row has say a number, or that there is none, and no other."""
     values = [c for c in cells if not says_nothing(c)]
     gaps = sum(map(bool, cells)) - len(values)  # a cell that says that it has no number
     numbers = sum(map(_is_any_number, values))
@@ -118,7 +118,7 @@ def _is_all_numbers(cells: Sequence[str], cut: Cut) -> bool:
 
 
 def _is_mostly_digits(line: str, cells: Sequence[str], cut: Cut) -> bool:
-    """Whether a line is cut as a row is, half of it numbers, and holds more digits than letters.
+    """True if a line is cut as a row is, half of it numbers, and holds more digits than letters.
 
     "Key value" of a preamble is half a row of two.
     """
@@ -129,7 +129,7 @@ def _is_mostly_digits(line: str, cells: Sequence[str], cut: Cut) -> bool:
 
 
 def _is_list(line: str, cut: Cut) -> bool:
-    """Whether half of the cells of a line are numbers, two at least, and decimals among them.
+    """True if half of the cells of a line are numbers, two at least, and decimals among them.
 
     However many cells a row has: where a recording changes its columns, the larger part is what
     stands above.
@@ -145,21 +145,21 @@ def _is_list(line: str, cut: Cut) -> bool:
 
 
 def _was_row(line: str) -> bool:
-    """Whether a line among rows may be one that was damaged."""
+    """Return whether a line among rows may be one that was damaged."""
     begins = line.lstrip()[:1].isdigit()
     return begins or holds_digits(line) or _is_gap(line) or _is_garbled(line)
 
 
 def _is_gap(line: str) -> bool:
-    """Whether a line says that it has no number, and nothing else."""
+    """Return whether a line says that it has no number, and nothing else."""
     return bool(line.strip()) and says_nothing(line.strip())
 
 
 def _is_garbled(line: str) -> bool:
-    """Whether a line holds signs that nobody writes."""
+    """Return whether a line holds signs that nobody writes."""
     return not line.replace("\t", " ").isprintable()
 
 
 def _is_any_number(text: str) -> bool:
-    """Whether a text is a number with either decimal sign, or with a sign between thousands."""
+    """True if a text is a number with either decimal sign, or with a sign between thousands."""
     return any(form.match(text) for form in (*NUMBER.values(), *GROUPED.values()))

@@ -136,14 +136,14 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
 
 
 def _holds_few_words(texts: Mapping[int, str], rows: int) -> bool:
-    """Whether a column holds words in some rows, not in most."""
+    """Return whether a column holds words in some rows, not in most."""
     filled = (text for text in texts.values() if text and not says_nothing(text))
     words = sum(text[0].isalpha() or text[0] in "=#" for text in filled)
     return 0 < 2 * words < rows
 
 
 def _has_all_cells(data: bytes, offset: int, end: int, layout: Layout, rows: int) -> bool:
-    """Whether lines hold as many cells as there are columns: all of them, and the first.
+    """Return whether lines hold as many cells as there are columns: all of them, and the first.
 
     ``end`` is behind the last cell.
     """
@@ -161,7 +161,7 @@ def _has_all_cells(data: bytes, offset: int, end: int, layout: Layout, rows: int
 
 
 def _may_have_holes(columns: Sequence[FloatArray], layout: Layout) -> bool:
-    """Whether what the cells without a number hold can be told without going line by line."""
+    """True if what the cells without a number hold can be told without going line by line."""
     holes = [np.isnan(column) for column in columns]
     if np.logical_and.reduce(holes).any():
         return False  # it may be a second header
@@ -421,7 +421,7 @@ class _Lines:
 
     @property
     def ends_with_data(self) -> bool:
-        """Whether the last line is a row, whole or not, and there are others."""
+        """Return whether the last line is a row, whole or not, and there are others."""
         others = [*self.again[-1:], *self.sessions[-1:], *self.skipped[-1:], *self.statistics]
         return bool(self.rows) and max(others, default=0) < self.lines[-1]
 
@@ -570,7 +570,7 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
 
 
 def _is_remark(line: str, layout: Layout) -> bool:
-    """Whether a line says something in words, or marks the end of the file; terminals aside."""
+    """True if a line says something in words, or marks the end of the file; terminals aside."""
     if layout.hints.serial:
         return False
     letters, digits = sum(map(str.isalpha, line)), sum(map(str.isdigit, line))

@@ -287,7 +287,7 @@ def _power(number: float) -> str:
 
 
 def _in_order(stamps: FloatArray, behind: np.ufunc) -> bool:
-    """Whether every stamp is ``behind`` the one before it."""
+    """Return whether every stamp is ``behind`` the one before it."""
     return all(
         bool(np.all(behind(stamps[at.start + 1 : at.stop + 1], stamps[at])))
         for at in blocks(stamps.size - 1)

@@ -33,7 +33,7 @@ _WITHIN = 3  # samples over which a filter spreads a jump
 
 @dataclass(frozen=True)
 class Turn:
-    """What a column counts to before it begins again, and the rows in which it does."""
+    """Value at which a column wraps, and the rows in which it does."""
 
     size: float
     rows: IndexArray
@@ -127,7 +127,7 @@ def _parts(binding: Binding, runs: Sequence[Run]) -> Iterator[tuple[IndexArray, 
 
 
 def _are_whole(values: FloatArray) -> bool:
-    """Whether the first readings are whole numbers."""
+    """Return whether the first readings are whole numbers."""
     head = values[:_HEAD]
     head = head[np.isfinite(head)]
     return bool(np.all(head == np.round(head)))
@@ -146,7 +146,7 @@ def _as_given(parts: Sequence[tuple[IndexArray, FloatArray]], size: float) -> Tu
 def _found(
     log: Log, binding: Binding, parts: Sequence[tuple[IndexArray, FloatArray]], in_time: bool
 ) -> Turn | None:
-    """What a column shows, ``None`` where it does not begin again.
+    """Detect the wrap of a column, ``None`` where there is none.
 
     Points that are not ``in_time`` may jump: what is not certain is then no turn.
     """
@@ -174,7 +174,7 @@ def _span(parts: Sequence[tuple[IndexArray, FloatArray]]) -> float:
 
 
 def _jumps(values: FloatArray, span: float) -> bool:
-    """Whether readings go through most of their range within a few samples."""
+    """Return whether readings go through most of their range within a few samples."""
     for at in blocks(values.size):
         some = values[at.start : at.stop + _WITHIN]
         for apart in (1, _WITHIN):
@@ -202,7 +202,7 @@ class _Steps:
         )  # of what goes back within a few samples
 
     def begin_again_at(self, size: float) -> bool:
-        """Whether the readings certainly begin again after a turn of a size.
+        """Return whether the readings certainly begin again after a turn of a size.
 
         Speed then changes little from sample to sample, as little where they begin again as
         elsewhere, and the first step is short.

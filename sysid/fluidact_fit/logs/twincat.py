@@ -73,7 +73,7 @@ def _first_row(lines: Sequence[str], top: int, delimiter: str) -> int:
 
 
 def _is_export(rows: Sequence[Sequence[str]], names: Sequence[str]) -> bool:
-    """Whether the lines above the samples are those of an export."""
+    """Return whether the lines above the samples are those of an export."""
     return names.count("Name") > 1 or any(row and row[0] in _KEYS for row in rows)
 
 

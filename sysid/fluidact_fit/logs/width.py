@@ -1,4 +1,4 @@
-"""How many columns a table has, where its header names another number than its rows hold.
+"""Number of columns of a table whose header and rows differ in it.
 
 The last columns may be empty in every row, as one for comments is: they are named, and their cells
 may not even be written. Otherwise names that do not fit the cells are refused: nobody knows which
@@ -64,7 +64,7 @@ def _is_unit(cell: str) -> bool:
 
 
 def _is_longer(lines: Sequence[str], start: int, index: int, cut: Cut, cells: int) -> bool:
-    """Whether a row of names above another one, below which they are, has more of them."""
+    """Return whether a row of names above another one, below which they are, has more of them."""
     above = [i for i in _above(lines, start) if i < index]
     return any(cut.width < len(_names(lines[i], cut)) <= cells for i in above[:1])
 

@@ -223,7 +223,7 @@ def _text(cell: Any, epoch: datetime) -> str:
 
 @lru_cache(maxsize=1024)
 def _kind_of(number_format: str) -> str:
-    """What numbers of a format are: ``number``, ``date`` or ``duration``."""
+    """Kind of a number format: ``number``, ``date`` or ``duration``."""
     formats = import_module("openpyxl.styles.numbers")
     if not formats.is_date_format(number_format):
         return "number"

@@ -39,7 +39,7 @@ _Piece = tuple[Mode | FallingMode, list[_Cause]]
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What does not change from mode to mode.
+    """Properties that do not change from mode to mode.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Body:
         return self._zone()
 
     def _leaving(self) -> int:
-        """Which way a body at rest is pushed beyond its static friction; 0: it rests."""
+        """Direction in which a body at rest is pushed beyond its static friction; 0: it rests."""
         law, load = self.dynamics.friction, float(self._load(self.contact) @ self.state)
         net = float(self.dynamics.drive @ self.state) - load
         low, high = self.dynamics.edges or (0.0, 0.0)

@@ -80,7 +80,7 @@ def with_changes(
 
 
 def _propagate(steps: Steps, varied: Varied, theta: FloatArray, start: FloatArray) -> FloatArray:
-    """What changes of the rows of a drive, ``(9, k)``, and of the first speed, ``(k,)``, do.
+    """Propagate changes of the rows of a drive, ``(9, k)``, and of the first speed, ``(k,)``.
 
     Returns the changes of the place before every step and after the last, ``(k, n + 1)``.
     """

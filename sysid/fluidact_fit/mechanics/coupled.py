@@ -210,7 +210,7 @@ class _Step:
 
     @cached_property
     def _reserve_rate(self) -> Any:
-        """What is left until the next event, and its rate, ``(x, u, p, way)``."""
+        """Return the margin to the next event, and its rate, ``(x, u, p, way)``."""
         ca = self.ca
         value = self._reserve(self.x, self.p, self.way)
         slope = ca.jtimes(value, self.x, self.rate)

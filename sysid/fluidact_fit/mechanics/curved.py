@@ -149,7 +149,7 @@ class Slide:
         return steps
 
     def _better(self, x: float, error: float) -> float:
-        """How many times longer a step should be that led to a speed, with its error."""
+        """Factor by which a step that led to a speed should be longer, with its error."""
         allowed = self.allowed(x)
         return _REFUSED * (allowed / max(error, 1e-5 * allowed)) ** 0.2
 
@@ -277,7 +277,7 @@ class CurvedRun:
         return node, 0.0, way
 
     def _rest(self, node: int, way: int, steps: Sequence[Step]) -> tuple[int, float, int]:
-        """What follows a stop: rest, or motion the other way at once."""
+        """Return what follows a stop: rest, or motion the other way at once."""
         if not steps:  # pushed by a hair, and by nothing before it moved
             return node + 1, 0.0, 0
         self.stops += 1
@@ -300,7 +300,7 @@ class CurvedRun:
         return self._tables[way]
 
     def _beyond_curve(self, way: int) -> _Fast:
-        """What whole intervals of a direction do where nothing is left of the curve."""
+        """Advance whole intervals of a direction where nothing is left of the curve."""
         if way not in self._fast:
             law, which, side = self.law, self._grid.which, 0 if way > 0 else 1
             net = way * self.torque[:-1].T

@@ -90,7 +90,7 @@ class FrictionLaw:
         )  # fmt: skip
 
     def rise(self, way: float) -> float:
-        """How far friction rises above the kinetic level of a direction towards rest [N or N m]."""
+        """Rise of friction above the kinetic level of a direction towards rest [N or N m]."""
         if self.stribeck_speed <= 0.0:
             return 0.0
         if not self.joined:
@@ -110,7 +110,7 @@ class FrictionLaw:
 
     @property
     def curved(self) -> bool:
-        """Whether friction in motion falls with the speed."""
+        """Return whether friction in motion falls with the speed."""
         return max(self.rise(1.0), self.rise(-1.0)) > 0.0
 
     @property

@@ -117,7 +117,7 @@ def check_steps(step: float, span: float) -> None:
 
 
 def first_event(guards: FloatArray) -> tuple[float, int | None]:
-    """Which polynomial is the first to become negative on 0 .. 1, and where.
+    """Find the first polynomial that becomes negative on 0 .. 1, and where.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _to_bernstein(degree: int) -> FloatArray:
 
 
 def first_negative(coefficients: FloatArray, slack: float = 0.0) -> float | None:
-    """Where on 0 .. 1 a polynomial first falls below ``-slack``; ``None`` if it does not.
+    """Find where on 0 .. 1 a polynomial first falls below ``-slack``; ``None`` if it does not.
 
     Parameters
     ----------

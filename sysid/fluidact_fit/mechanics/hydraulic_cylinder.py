@@ -46,7 +46,7 @@ _ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is r
 
 @dataclass(frozen=True)
 class Machine:
-    """What is given, not estimated: areas [m2], volumes [m3], mass [kg], pressures [Pa].
+    """Given data, not estimated: areas [m2], volumes [m3], mass [kg], pressures [Pa].
 
     ``None`` where nobody said.
     """
@@ -92,7 +92,7 @@ class Machine:
 
     @property
     def complete(self) -> bool:
-        """Whether the gray box can be simulated."""
+        """Return whether the gray box can be simulated."""
         given = (self.area_1, self.area_2, self.dead_volume_1, self.dead_volume_2, self.mass)
         return all(v is not None for v in given)
 

@@ -1,4 +1,4 @@
-"""What a simulation of stick-slip takes and gives."""
+"""Inputs and results of a simulation of stick-slip."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class StickSlip:
         return DryMass(j, FrictionLaw(kp, kn, b, bn, sp, sn, stribeck_speed=speed, joined=True))
 
     def turned(self, initial_speed: Array) -> bool:
-        """Whether any of the rows, or the initial speed, is complex."""
+        """Return whether any of the rows, or the initial speed, is complex."""
         return any(np.iscomplexobj(row) for row in (*self.rows, initial_speed))
 
 

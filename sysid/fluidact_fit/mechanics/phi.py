@@ -63,7 +63,7 @@ def phi_real(z: float, count: int) -> list[float]:
 
 @dataclass(frozen=True)
 class Responses:
-    """What spans of time do to a moving mass, ``(g,)`` each: real, or complex for derivatives.
+    """Responses of a moving mass to spans of time, ``(g,)`` each: real, or complex for derivatives.
 
     ``decay`` of the speed and ``travel`` per speed [s]; ``speed`` and ``place``, shape
     ``(d, g)``, per coefficient of the net torque at the begin of the span.

@@ -62,7 +62,7 @@ class StaticBand:
         return None
 
     def _leave(self, j: int, begin: float) -> tuple[float, int] | None:
-        """Where the torque leaves the band inside interval ``j``, and which way."""
+        """Find where the torque leaves the band inside interval ``j``, and in which direction."""
         c = self.torque[j]
         if way := self.way(value_of(c, begin)):
             return begin, way
@@ -81,7 +81,7 @@ class StaticBand:
 
 
 def rising_root(function: Callable[[float], tuple[float, float]], low: float, high: float) -> float:
-    """Where a function becomes positive; an end where it already is, or does not.
+    """Find where a function becomes positive; an end where it already is, or does not.
 
     Newton's iteration, kept in a bracket: ``function`` returns its value and its slope.
     """
@@ -104,7 +104,7 @@ def rising_root(function: Callable[[float], tuple[float, float]], low: float, hi
 
 
 def zero_of(function: Callable[[float], float], low: float, high: float, rounding: float) -> float:
-    """Where a function is zero between two places where its signs differ, without slopes.
+    """Find the zero of a function between two places of opposite sign, without slopes.
 
     False position after Anderson and Bjoerck; values up to ``rounding`` are as good as zero.
     """

@@ -143,7 +143,7 @@ class _Run:
             speed = late = 0.0
 
     def _lateness(self, node: int, offset: float, way: int) -> float:
-        """How much later the torque comes to its level per level.
+        """Delay at which the torque reaches its level, per level.
 
         Near a peak of the torque that is the mean over a small part of the level: at the peak
         itself it would be infinite.

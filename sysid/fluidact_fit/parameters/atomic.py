@@ -131,7 +131,7 @@ def _present(path: str) -> bytes | None:
 
 
 def names_directory(path: str) -> bool:
-    """Whether a path can only mean a directory: it ends with a slash, ``.`` or ``..``."""
+    """Return whether a path can only mean a directory: it ends with a slash, ``.`` or ``..``."""
     return os.path.basename(path) in ("", os.curdir, os.pardir)
 
 

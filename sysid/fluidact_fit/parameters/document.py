@@ -239,7 +239,7 @@ class Whiteness(Part):
 
 
 class LogFit(Part):
-    """How well the model describes one log.
+    """Fit of the model to one log.
 
     ``offset`` is what was added to the model's output for this log; ``left_out`` counts the
     samples that the model does not claim to describe.
@@ -266,7 +266,7 @@ class _KnownDetails(BaseModel):
 
 
 class Fit(Part):
-    """How well the model describes the data it was fitted to."""
+    """Fit of the model to the data it was fitted to."""
 
     verdict: Verdict
     fit_percent: Percent | None = None
@@ -309,7 +309,7 @@ class Step(Part):
 
 
 class Column(Part):
-    """Where a role came from, and what was made of it on the way to SI.
+    """Source of a role, and its conversion to SI.
 
     ``assumed`` says that neither the log nor the user named the unit; ``hold`` is the hold
     with which the fit took the signal. ``turn`` is what the column begins again after, as written,
@@ -363,7 +363,7 @@ class LogSource(Part):
 
 
 class _Choices(Part):
-    """What a user chose for single parameters and roles [SI]; a check uses it again."""
+    """User's choices for single parameters and roles [SI]; a check uses them again."""
 
     fixed: dict[str, Number] = {}
     start: dict[str, Number] = {}
@@ -372,7 +372,7 @@ class _Choices(Part):
 
 
 class Provenance(Part):
-    """Where the numbers came from."""
+    """Origin of the numbers."""
 
     tool: Tool
     created: str

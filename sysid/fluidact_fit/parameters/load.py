@@ -235,6 +235,6 @@ def disagreements(
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a number that a float can hold."""
+    """Return whether a value is a number that a float can hold."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return number and abs(value) <= sys.float_info.max

@@ -69,7 +69,7 @@ class Problems:
 
     @property
     def many(self) -> bool:
-        """Whether there are more than will be reported."""
+        """Return whether there are more than will be reported."""
         return len(self.found) > ParameterFileError.MOST
 
     def intact(self, *location: str | int) -> bool:

@@ -59,7 +59,7 @@ def check_sizes(document: dict[str, Any], problems: Problems) -> None:
 
 
 def _strange(number: float, *, small: bool) -> str:
-    """Why a quantity cannot have this size; empty where it can."""
+    """Explain why a quantity cannot have this size; empty where it can."""
     if abs(number) < 1.0 and not small:
         return ""
     try:

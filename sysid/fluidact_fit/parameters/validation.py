@@ -1,4 +1,4 @@
-"""What a parameter file has to satisfy; every problem is reported with its place.
+"""Validation of a parameter file; every problem is reported with its place.
 
 Structure, and what follows from it alone, is left to the document itself; what it means
 for the family is checked here. Both always run, so that every problem is named.

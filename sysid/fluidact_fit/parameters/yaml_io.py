@@ -39,7 +39,7 @@ _DIRECTIVE = re.compile(r"^%([A-Za-z]*)", re.MULTILINE)
 
 @dataclass(frozen=True)
 class YamlText:
-    """What a YAML text holds: its data, and the line of every entry, counted from 1.
+    """Content of a YAML text: its data, and the line of every entry, counted from 1.
 
     ``problems`` is what strict reading objects to: duplicate keys, tags, anchors.
     """
@@ -192,7 +192,7 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
         self.lines.setdefault(self.place, line)
 
     def _within_problem(self) -> bool:
-        """Whether something above the present place is a problem already."""
+        """Return whether something above the present place is a problem already."""
         return any(self.place[:size] in self.problems.found for size in range(len(self.place)))
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:

@@ -93,7 +93,7 @@ class _Reader:
         return found
 
     def _touches(self, *wanted: str) -> bool:
-        """Whether one of these follows without a blank."""
+        """Return whether one of these follows without a blank."""
         return self.at < len(self.tokens) and self.tokens[self.at][1] in wanted
 
     def _sum(self) -> list[str]:
@@ -126,7 +126,7 @@ class _Reader:
                 return done
 
     def _begins(self, text: str) -> bool:
-        """Whether a factor begins here; a bar inside of bars ends them."""
+        """Return whether a factor begins here; a bar inside of bars ends them."""
         return text in ("(", "[") or (text == "|" and not self.bars) or text[:1].isalnum()
 
     def _factor(self) -> str:
@@ -179,7 +179,7 @@ def _bracketed(opening: str, inner: str) -> str:
 
 
 def _bare(shown: str) -> str:
-    """What stands in round brackets and nothing else, without them."""
+    """Strip round brackets that enclose the whole text."""
     begin, end = '<mrow data-in="("><mo>(</mo>', "<mo>)</mo></mrow>"
     inner = shown[len(begin) : -len(end)]
     whole = shown.startswith(begin) and shown.endswith(end) and begin not in inner

@@ -85,7 +85,7 @@ def plot_validation(result: Outcome) -> Figure | None:
 
 
 def static_view(result: Outcome) -> StaticView | None:
-    """What a static map shows, from the family or, where nothing is driven, its first input."""
+    """View of a static map, from the family or, without a drive, over its first input."""
     if result.static_view is not None or drive_role(result.variant):
         return result.static_view
     return _plain_view(result)

@@ -58,7 +58,7 @@ class FleetQuantity:
 
 @dataclass(frozen=True)
 class Reason:
-    """Why jobs ended without a file: status, what was found, and which jobs."""
+    """Reason why jobs ended without a file: status, finding, and the jobs."""
 
     status: str
     text: str

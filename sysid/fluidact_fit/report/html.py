@@ -18,7 +18,7 @@ _NUMERIC = ' class="n"'
 
 @dataclass(frozen=True)
 class Panel:
-    """Where the axes of a picture are and what they show, for who reads values off it.
+    """Axes of a picture: their place and content, for reading values off it.
 
     Attributes
     ----------

@@ -329,7 +329,7 @@ def _heat(covariance: float, scale: float) -> str:
 
 
 def _model(document: ParameterDocument) -> str:
-    """What a controller runs, as it stands in the file, without the file's first comment."""
+    """Model section of the file, without the file's first comment."""
     if not document.model:
         return ""
     lines = dump_yaml(document.to_dict()["model"]).splitlines()

@@ -45,7 +45,7 @@ def output_panel(axes: Axes, runs: Sequence[Simulation], t: Scale, y: Scale, tit
 
 
 def replaced_samples(axes: Axes, runs: Sequence[Simulation], role: str, t: Scale, y: Scale) -> None:
-    """What was recorded of samples that were replaced; the far ones at the edge of the panel."""
+    """Draw the recorded values of replaced samples; distant ones at the edge of the panel."""
     label: str | None = "left out"
     for run in runs:
         signal = run.experiment.signals.get(role)
@@ -77,7 +77,7 @@ def residual_panel(axes: Axes, runs: Sequence[Simulation], rmse: float, t: Scale
 
 
 def input_panel(axes: Axes, runs: Sequence[Simulation], drive: str, t: Scale, u: Scale) -> None:
-    """What drove the model, drawn with the hold that the fit used."""
+    """Draw the input with the hold that the fit used."""
     for run in runs:
         signal = run.experiment.signals.get(drive)
         if signal is None:

@@ -1,4 +1,4 @@
-"""What a reader may read off a figure: its panels, their scales and their lines."""
+"""Readable content of a figure: its panels, their scales and their lines."""
 
 from __future__ import annotations
 

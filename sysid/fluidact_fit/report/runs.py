@@ -1,4 +1,4 @@
-"""Which runs a picture shows, and how many of their samples."""
+"""Choice of the runs that a picture shows, and of their samples."""
 
 from __future__ import annotations
 

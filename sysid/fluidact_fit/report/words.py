@@ -53,7 +53,7 @@ def describe_validation(result: Outcome) -> str:
 
 
 def _over_time(runs: Sequence[Simulation], result: Outcome) -> str:
-    """What is drawn over time, the agreement of every run, and the worst residual."""
+    """Describe the signals over time, the agreement of every run, and the worst residual."""
     shown, output = choose(runs).runs, result.variant.output
     drive = drive_role(result.variant)
     unit = shown[0].experiment.signals[output.name].unit if shown else output.unit

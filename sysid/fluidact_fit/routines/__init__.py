@@ -1,4 +1,4 @@
-"""What a controller calls, as routines that every target of ``export`` translates."""
+"""Routines that a controller calls, translated by every target of ``export``."""
 
 from .evaluate import Machine
 from .expression import (

@@ -117,7 +117,7 @@ class Choose(Expression):
 
 
 def parts_of(e: Expression) -> tuple[Expression, ...]:
-    """What an expression is made of."""
+    """Return the operands of an expression."""
     match e:
         case Unary():
             return (e.x,)

@@ -1,4 +1,4 @@
-"""What a controller calls: routines of one output, as plain data.
+"""Routines of one output that a controller calls, as plain data.
 
 A block says with them what it does, once; every target of ``export`` writes the same routines
 in its own language, and :mod:`.evaluate` runs them in double precision.
@@ -178,7 +178,7 @@ class Routine:
 
     @property
     def keeps(self) -> bool:
-        """Whether anything is kept between calls."""
+        """Return whether anything is kept between calls."""
         return bool(self.states or self.filters)
 
 

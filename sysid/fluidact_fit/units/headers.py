@@ -65,7 +65,7 @@ _OF = {
 
 
 class _Group(NamedTuple):
-    """What stands between brackets, and where: from the opening one to behind the closing one."""
+    """Text between brackets, and its extent from the opening to behind the closing one."""
 
     opening: str
     text: str
@@ -153,7 +153,7 @@ def _in_brackets(text: str, groups: list[_Group]) -> tuple[str, str | None] | No
 
 
 def _is_index(group: _Group, text: str) -> bool:
-    """Whether brackets hold the number of an element: ``position[0]``."""
+    """Return whether brackets hold the number of an element: ``position[0]``."""
     return (
         group.text.isdigit() and group.opening == "[" and text[group.start - 1 : group.start] > " "
     )
@@ -169,7 +169,7 @@ def _inner(text: str) -> str:
 
 
 def _is_surely_unit(group: _Group, text: str) -> bool:
-    """Whether a unit that is read, or is one although it is not, stands in brackets."""
+    """Return whether a unit that is read, or is one although it is not, stands in brackets."""
     unit = _inner(group.text)
     if not unit or unit in ("1", "none"):
         return group.opening == "[" and bool(unit)
@@ -199,7 +199,7 @@ def is_remark(text: str) -> bool:
 
 
 def _holds_unit(text: str) -> bool:
-    """Whether a part of a text is surely a unit: behind a number, or a name of two letters."""
+    """True if a part of a text is surely a unit: behind a number, or a name of two letters."""
     if re.search(r"\d ?(?:[mkMdu]?[NVAlm]|[°%s])\b|H2O|Hg\b", text):
         return True
     top, stroke, bottom = text.partition("/")
@@ -217,13 +217,13 @@ def _holds_unit(text: str) -> bool:
 
 @lru_cache(maxsize=4096)  # the words of a header are those of many
 def _is_nearly_unit(word: str) -> bool:
-    """Whether a word is the misspelt name of a unit: ``milimeter``."""
+    """Return whether a word is the misspelt name of a unit: ``milimeter``."""
     names = [name for name in UNIT_NAMES if abs(len(name) - len(word)) < 3]
     return len(word) > 4 and bool(difflib.get_close_matches(fold(word), names, 1, 0.87))
 
 
 def _is_plain(word: str) -> bool:
-    """Whether a word is a remark and no abbreviation of a unit."""
+    """Return whether a word is a remark and no abbreviation of a unit."""
     if fold(word) in REMARKS or word[-1].isdigit():
         return True
     if ord(max(word)) > 0x2E80:
@@ -276,7 +276,7 @@ def _of_words(text: str) -> tuple[str, str | None]:
 
 
 def _is_of_counts(text: str) -> bool:
-    """Whether a quotient may as well be a name: of counts, or of the time by its unit."""
+    """Return whether a quotient may as well be a name: of counts, or of the time by its unit."""
     names = re.findall(r"[^\W\d_]+", text)
     return not names or names[0] == _TIME or any(normalise_unit(n) == "1" for n in names)
 
@@ -312,7 +312,7 @@ def _suffix(text: str) -> tuple[str, str] | None:
 
 
 def _is_certain(word: str) -> bool:
-    """Whether one word cannot be anything but a unit, be it read or refused."""
+    """Return whether one word cannot be anything but a unit, be it read or refused."""
     if word in _DOUBTFUL_HEADERS | _PARTS | _NO_SUFFIXES or fold(word) in REMARKS:
         return False
     if re.search("[ /]", word):
@@ -341,7 +341,7 @@ def _amid(text: str) -> tuple[str, str] | None:
 
 
 def _fits(word: str, name: str) -> bool:
-    """Whether a word that is doubtful as a unit fits the name before it: ``time_min``."""
+    """Return whether a word that is doubtful as a unit fits the name before it: ``time_min``."""
     return any(
         word in words.split() and form.fullmatch(name[-LONGEST:]) for words, form in _OF.items()
     )

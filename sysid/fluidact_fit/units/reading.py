@@ -67,7 +67,7 @@ class Reading(NamedTuple):
 
 
 def pressure_reference(unit: str) -> str:
-    """What a pressure is counted from: ``"gauge"``, ``"absolute"``, or nothing where unsaid."""
+    """Reference of a pressure: ``"gauge"``, ``"absolute"``, or nothing if not stated."""
     sized = sized_unit(unit)
     return split_reference(normalise_unit(sized["unit"] if sized else unit))[1]
 
@@ -162,7 +162,7 @@ def _not_read(fault: str, means_unit: bool = True) -> Reading:
 
 
 def _why_not(unit: str, text: str) -> Reading:
-    """Why a text is not read as a unit; it means one where all that is unknown is nearly known."""
+    """Explain why a text is not read as a unit, if all its unknown parts resemble known ones."""
     names = re.findall(NAME, text)
     unknown = [name for name in names if name not in ATOMS]
     faults = [_fault_of(name) for name in unknown]
@@ -178,7 +178,7 @@ def _why_not(unit: str, text: str) -> Reading:
 
 
 def _fault_of(name: str) -> str:
-    """Why a name that is surely a unit is not read; empty of any other."""
+    """Explain why a name that is surely a unit is not read; empty for any other."""
     if choices := AMBIGUOUS.get(fold(name)):
         return f"is not clear: it may be {choices}."
     if fold(name) in UNREAD:

@@ -59,7 +59,7 @@ def normalise_unit(unit: str) -> str:
 
 
 def _is_slip(text: str, symbol: str) -> bool:
-    """Whether a capital M stands for milli: "Mbar", and not "MBAR" or "Millibar"."""
+    """Return whether a capital M stands for milli: "Mbar", and not "MBAR" or "Millibar"."""
     same = text.casefold() == symbol.casefold()
     return same and text[0] == "M" and symbol[0] == "m" and not text.isupper()
 

@@ -83,7 +83,7 @@ def fold(word: str) -> str:
 
 
 def _is_only(prefix: str, unit: str) -> bool:
-    """Whether a prefix before a name ("mVolt") is that one in any case."""
+    """Return whether a prefix before a name ("mVolt") is that one in any case."""
     return len(prefix) == 1 and f"{prefix.swapcase()}{unit}" not in ATOMS and prefix != "M"
 
 

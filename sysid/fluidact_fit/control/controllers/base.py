@@ -1,4 +1,4 @@
-"""What every controller is to the closed loop."""
+"""Interface of every controller to the closed loop."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Travel:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """What can be true of it: 10 strokes beyond either end of the range."""
+        """Plausible range: 10 strokes beyond either end."""
         far = _FAR * (self.high - self.low)
         return self.low - far, self.high + far
 
@@ -86,7 +86,7 @@ class Controller(ABC):
         return self._given
 
     def _readable(self, measured: Mapping[str, float]) -> bool:
-        """Whether what was measured can be true."""
+        """Return whether what was measured can be true."""
         (low, high), value = self.travel.reach, measured[self.travel.role]
         return isfinite(value) and low <= value <= high
 

@@ -89,7 +89,7 @@ ANY_FORCE = Travel("force")
 
 @dataclass(frozen=True)
 class Start:
-    """What a force loop comes from: the force [N] that was wanted, and the command for it."""
+    """Start of a force loop: the wanted force [N], and the command for it."""
 
     force: float = 0.0
     command: float = 0.0

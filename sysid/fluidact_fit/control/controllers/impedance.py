@@ -78,7 +78,7 @@ class KnownFriction:
 
 @dataclass(frozen=True)
 class Pressures:
-    """How a force becomes the commands of two valves.
+    """Conversion of a force into the commands of two valves.
 
     Areas [m2], sum of pressures and atmosphere [Pa], steady pressure per command of each supply,
     its offset [Pa], and the range that the valves can give [Pa].

@@ -33,7 +33,7 @@ from .pd import PDController
 
 
 def _arguments(travel: Travel) -> tuple[Argument, Argument]:
-    """What is wanted and what is measured; the ranges only tell what cannot be true."""
+    """Arguments of the controller; the ranges only exclude what cannot be true."""
     (low, high), role, unit = travel.reach, travel.role, travel.unit
     return (
         Argument("wanted", unit, f"wanted {role}", low, high, recorded=False),

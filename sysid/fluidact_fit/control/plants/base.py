@@ -1,4 +1,4 @@
-"""What every plant is to the closed loop."""
+"""Interface of every plant to the closed loop."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Plant(ABC):
 
     @abstractmethod
     def measure(self) -> Mapping[str, float]:
-        """What sensors show now, by role [SI]; the controlled output among it."""
+        """Present sensor readings by role [SI], with the controlled output among them."""
 
     def advance(self, command: Sequence[float]) -> None:
         """Hold these commands, each within its limits, for one sample."""

@@ -8,7 +8,7 @@ from math import floor
 
 
 class HeldCommands:
-    """What arrives during a sample, in pieces between which something changes.
+    """Commands that arrive during a sample, in pieces between which something changes.
 
     Parameters
     ----------

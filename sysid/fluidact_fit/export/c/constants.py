@@ -22,7 +22,7 @@ class Macro:
 
     @property
     def single(self) -> bool:
-        """Whether single precision holds it."""
+        """Return whether single precision holds it."""
         return _reaches(self.value)
 
 

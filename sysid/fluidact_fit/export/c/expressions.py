@@ -83,7 +83,7 @@ class Expressions(Branches):
         return macro
 
     def _start_of(self, s: State) -> str:
-        """What a state is after a reset, by its name where it belongs to the machine."""
+        """Value of a state after a reset, by its name where it belongs to the machine."""
         plain = abs(s.initial) in _PLAIN
         return self._number(s.initial, "" if plain else f"{s.name}_start")
 
@@ -177,7 +177,7 @@ class Expressions(Branches):
 
 
 def _is_short(e: Choose) -> bool:
-    """Whether a choice is between values that are at hand."""
+    """Return whether a choice is between values that are at hand."""
     if has_choice(e.a) or has_choice(e.b):
         return False
     return all(isinstance(x, Number | Name | Item) or _is_negated(x) for x in (e.yes, e.no))
@@ -188,7 +188,7 @@ def _is_negated(e: Expression) -> bool:
 
 
 def _enclosed(text: str) -> bool:
-    """Whether the first parenthesis of a text is closed by its last sign."""
+    """Return whether the first parenthesis of a text is closed by its last sign."""
     depth = 0
     for k, sign in enumerate(text):
         depth += {"(": 1, ")": -1}.get(sign, 0)

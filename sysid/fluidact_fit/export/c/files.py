@@ -88,7 +88,7 @@ def header(code: Code, functions: Sequence[Function], macros: Sequence[Macro]) -
 
 
 def preamble(code: Code) -> list[str]:
-    """What every file says of where it comes from, and what was accepted."""
+    """Comment of every file: its origin, and the warnings that were accepted."""
     parts = [part for part in (code.origin_lines, code.remarks) if part]
     return [line for part in ([], *parts) for line in (*part, "")]
 
@@ -129,7 +129,7 @@ def _describe(f: Function) -> list[str]:
 
 
 def table_macros(code: Code, readers: Mapping[str, str]) -> list[str]:
-    """Where tables are kept, and how they are read: on an AVR from flash.
+    """Macros for the storage of tables and their access: on an AVR in flash.
 
     ``readers`` are functions of ``avr/pgmspace.h`` by the name of the macro.
     """
@@ -148,7 +148,7 @@ def table_macros(code: Code, readers: Mapping[str, str]) -> list[str]:
 
 
 def read_macro(code: Code, macro: str, reader: str) -> list[str]:
-    """How one more type of tables is read."""
+    """Macro that reads tables of one more type."""
     name = f"{code.name.upper()}_{macro}(entry)"
     return [
         "#if defined(__AVR__)", f"#define {name} {reader}(&(entry))", "#else",

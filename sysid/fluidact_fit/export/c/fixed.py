@@ -57,7 +57,7 @@ class Fixed:
 
     @property
     def complete(self) -> bool:
-        """Whether the bound comes from going through every argument there is."""
+        """Return whether the bound comes from going through every argument there is."""
         return not self.code.done
 
     @property

@@ -61,7 +61,7 @@ class Code(Sheet):
 
     @cached_property
     def lets(self) -> Mapping[str, Expression]:
-        """What the routine names."""
+        """Assignments of the routine."""
         return {s.name: s.value for s in self.routine.body if isinstance(s, Let)}
 
     @cached_property

@@ -71,7 +71,7 @@ class Program:
         return found.astype(np.int64), outside
 
     def _names(self, rows: Integers) -> tuple[dict[str, Any], Any]:
-        """What every step gives, and which arguments were clamped."""
+        """Return the outputs of every step, and which arguments were clamped."""
         names: dict[str, Any] = {}
         outside = np.zeros(len(rows), dtype=bool)
         for (name, low, high), given in zip(self.arguments, rows.T.astype(np.int64)):
@@ -154,7 +154,7 @@ def _changed_text(text: str) -> Iterable[str]:
 
 
 def _cells(lookup: Lookup, place: Any) -> Integers:
-    """Which entry of a table stands before a place."""
+    """C code that finds the table entry before a place."""
     found = np.zeros(np.shape(place), dtype=np.int64)
     for piece in lookup.table.pieces:
         here = np.asarray(place) >= piece.first
@@ -164,7 +164,7 @@ def _cells(lookup: Lookup, place: Any) -> Integers:
 
 
 def _looked_up(lookup: Lookup, place: Any) -> Integers:
-    """What the C code of :meth:`.Sheet.lookup` computes."""
+    """Compute as the C code of :meth:`.Sheet.lookup` does."""
     entries = np.array(lookup.table.entries, dtype=np.int64)
     found = np.zeros(np.shape(place), dtype=np.int64)
     rest = np.ones(np.shape(place), dtype=bool)

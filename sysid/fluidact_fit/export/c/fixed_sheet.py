@@ -1,4 +1,4 @@
-"""What fixed-point code is written with: mantissas under names, their exponents, and tables.
+"""Building blocks of fixed-point code: named mantissas, their exponents, and tables.
 
 A value is ``m 2^e`` with a mantissa ``m`` that the controller computes and an exponent ``e`` that
 follows from the range of the value over all arguments.
@@ -132,7 +132,7 @@ class Sheet:
 
     @property
     def about(self) -> str:
-        """What is written now, in the names of what stands before."""
+        """Describe the current statement in the names of those before."""
         if self.subject is None:
             return "the result"
         known = {e: v.text for e, v in self.done.items() if v.text.isidentifier()}

@@ -170,7 +170,7 @@ def _centred(values: FloatArray, heights: list[float], step: int) -> tuple[list[
 
 
 def _read(entries: Integers, p: Piece) -> Integers:
-    """What the C code of :meth:`.Sheet.lookup` computes for every mantissa of a piece."""
+    """Compute as the C code of :meth:`.Sheet.lookup` does, for every mantissa of a piece."""
     u = np.arange(p.last - p.first + 1, dtype=np.int64)
     if p.shift < 0:
         return np.full(u.size, entries[p.start])

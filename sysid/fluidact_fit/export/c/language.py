@@ -138,7 +138,7 @@ def unread(lines: Sequence[str], names: Iterable[str]) -> list[str]:
 
 
 def uses(routine: Routine, function: str) -> bool:
-    """Whether a routine needs a function of two numbers, such as ``min``."""
+    """Return whether a routine needs a function of two numbers, such as ``min``."""
     found = [routine.value, *(e for s in routine.body for e in _expressions(s))]
     while found:
         e = found.pop()

@@ -89,7 +89,7 @@ def _add_linear(model: Model, block: LinearBlock, name: str) -> None:
 def _before_linear(
     model: Model, law: LinearModel, name: str, drive: str, rest: str
 ) -> tuple[str, str]:
-    """What stands before the linear model: C of what acts under an input, and of that at rest."""
+    """C code in front of the linear model: input transformation, and its value at rest."""
     if law.curve is None:
         model.constants += [
             "#define LINEAR_EDGES",

@@ -57,7 +57,7 @@ def comment(lines: Sequence[str]) -> list[str]:
 
 
 def _functions(model: Model) -> list[str]:
-    """What the interface calls."""
+    """Functions that the interface calls."""
     kept = model.memory or ["int nothing; /* C has no empty struct */"]
     problem = ["const char *problem;"] if any("problem" in s for s in model.advance) else []
     unused = "(void)memory, (void)reals, (void)booleans, (void)time, (void)span;"

@@ -1,4 +1,4 @@
-"""What errors of the recorded drive do to the estimate: noise of its samples, rows that were lost.
+"""Effect of errors of the recorded drive on the estimate: noise of its samples, lost rows.
 
 The error moves the instants at which the axis breaks away and, until the next stop, the speed.
 Residuals show only part of this: a static level is wrong by what the torque was wrong by at the few

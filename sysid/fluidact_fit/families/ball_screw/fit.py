@@ -79,7 +79,7 @@ class _Found:
 
     @property
     def beyond(self) -> bool:
-        """Whether forces beyond the model made speed and acceleration count as well."""
+        """Return whether forces beyond the model made speed and acceleration count as well."""
         return bool(self.weights)
 
 
@@ -125,7 +125,7 @@ def _fit_position(
 def _finish(
     found: _Found, variant: Variant, request: Request[BallScrewOptions], simulate: Simulate
 ) -> Solution[BallScrewOptions]:
-    """What stands in the file: levels for excesses, errors of the drive, and what to say."""
+    """Entries of the file: levels for excesses, errors of the drive, and notices."""
     stage, drive, beyond = found.stage, found.drive, found.beyond
     experiments = stage.experiments
     fitted = in_levels(
@@ -232,7 +232,7 @@ def specs_of_file(
 def refusal_notices(
     variant: Variant, refused: Mapping[str, Refusal], resting: Mapping[str, float]
 ) -> list[Notice]:
-    """What was refused, in the words of the file."""
+    """Notices of what was refused, in the words of the file."""
     written = dict.fromkeys(BREAKAWAY.values(), "the kinetic level")
     for s, push in resting.items():
         if push > 0.0:

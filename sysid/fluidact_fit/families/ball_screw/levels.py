@@ -89,7 +89,7 @@ def levels_of(stage: Stage) -> dict[str, Bracket]:
 
 
 def _in_levels(stage: Stage) -> dict[str, float]:
-    """Where a search begins, with levels in place of open excesses."""
+    """Start of a search, with levels in place of open excesses."""
     known = {**stage.start, **stage.held}
     values = {n: known[n] for n in stage.names}
     for s in stage.open_sides():
@@ -250,7 +250,7 @@ def _around(good: np.ndarray, best: int) -> tuple[int, int]:
 
 
 def _independent(residual: FloatArray) -> float:
-    """How many independent samples would show the size of the residual as well."""
+    """Number of independent samples that would show the size of the residual as well."""
     power = float(residual @ residual)
     if power == 0.0:
         return float(residual.size)

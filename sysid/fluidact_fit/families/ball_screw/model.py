@@ -66,7 +66,7 @@ def axis_of(variant: Variant) -> Axis:
 
 @dataclass(frozen=True)
 class Compared:
-    """What of the position is compared with the measurement: differences of some ``orders``.
+    """Compared part of the position: differences of some ``orders``.
 
     Those of order 0 are the position itself, of order 1 what it gains over ``lag`` samples, of
     order 2 what that gains.
@@ -143,7 +143,7 @@ class DriveModel:
         return [self.motion(i, values)[0] for i in range(len(self.times))]
 
     def compared_rows(self, values: Values) -> list[FloatArray]:
-        """What is compared of all logs, simulated and counted."""
+        """Simulate the compared rows of all logs, and count them."""
         simulated(sum(t.size for t in self.times))
         return [np.real(self.columns(i, values).known) for i in range(len(self.measured))]
 
@@ -179,7 +179,7 @@ class DriveModel:
 
 
 def leading_parts(experiments: Sequence[Experiment], samples: int = _LONG) -> list[Experiment]:
-    """What the early stages look at: the first samples of every log, fewer of each of many."""
+    """Samples of the early stages: the first of every log, fewer of each of many."""
     each = max(samples // len(experiments), samples // 10)
     return [e.beginning(each) for e in experiments]
 

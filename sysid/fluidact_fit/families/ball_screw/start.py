@@ -1,4 +1,4 @@
-"""Where a fit begins: inverse dynamics, and what the logs cannot tell in any case."""
+"""Start of a fit: inverse dynamics, and what the logs cannot tell in any case."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Stage:
 
     @property
     def curved(self) -> bool:
-        """Whether friction falls from the static to the kinetic level over the speed."""
+        """Return whether friction falls from the static to the kinetic level over the speed."""
         return self.held.get(SPEED, self.start.get(SPEED, 0.0)) > 0.0
 
     @property
@@ -74,7 +74,7 @@ class Stage:
 
     @property
     def stepped(self) -> bool:
-        """Whether the drive is held between samples in every run."""
+        """Return whether the drive is held between samples in every run."""
         drives = [e.signals[self.axis.drive] for e in self.experiments]
         return all(settled_hold(s) == "zoh" for s in drives)
 

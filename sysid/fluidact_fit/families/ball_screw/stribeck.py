@@ -1,4 +1,4 @@
-"""How friction falls from the static to the kinetic level: its search, and when no log shows it.
+"""Fall of friction from the static to the kinetic level: its search, and when no log shows it.
 
 The speed of the curve is one more unknown of the position. It is sought on a grid after the static
 levels, which are found as if friction fell at once; from then on it is fitted with the others.
@@ -110,7 +110,7 @@ def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refus
 
 
 def _falls(found: Solved, unit: str) -> list[Quantity]:
-    """How far each static level that was estimated lies above its kinetic one [``unit``]."""
+    """Excess of each estimated static level above its kinetic one [``unit``]."""
     sides = [s for s in SIDES if {EXCESS[s], BREAKAWAY[s]} & {*found.names}]
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:

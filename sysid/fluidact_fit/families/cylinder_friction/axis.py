@@ -54,7 +54,7 @@ def motion_role(variant: Variant) -> str:
 
 
 def driven_by_pressure(variant: Variant) -> bool:
-    """Whether the pressures stand in for a force."""
+    """Return whether the pressures stand in for a force."""
     return variant.name.endswith(PRESSURES)
 
 
@@ -64,5 +64,5 @@ def axis_of(variant: Variant) -> Axis:
 
 
 def is_place(role: str) -> bool:
-    """Whether a role is where something is, and not how fast it moves."""
+    """Return whether a role is where something is, and not how fast it moves."""
     return role in (LINEAR.place, ROTARY.place)

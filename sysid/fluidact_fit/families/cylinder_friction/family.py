@@ -284,7 +284,7 @@ class CylinderFriction(Family[FrictionOptions]):
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
-        """What is known of the other direction; no viscous friction at all, and no rise."""
+        """Assume the values of the other direction; no viscous friction at all, and no rise."""
         pair = next((names for names in (LEVELS, ONE_SIDED) if name in names), ())
         return max((plant.numbers[n] for n in pair), default=0.0)
 

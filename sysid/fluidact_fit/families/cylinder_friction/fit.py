@@ -48,7 +48,7 @@ class Fit:
 
     @property
     def axis(self) -> Axis:
-        """What drives and what moves."""
+        """Drive and moving part."""
         return self.data[0].axis
 
     @property
@@ -213,7 +213,7 @@ def _with_remedy(
 
 
 def _idle(side: str, options: FrictionOptions) -> list[Refusal]:
-    """What belongs to a direction without motion alone."""
+    """Names that belong only to a direction without motion."""
     other = next(s for s in SIDES if s != side)
     nothing = f"nothing moves in the {side} direction."
     level = Refusal(
@@ -264,7 +264,7 @@ def _undetermined(
 
 @dataclass(frozen=True)
 class _Problem:
-    """What stays the same from attempt to attempt.
+    """Parts of the problem that stay the same from attempt to attempt.
 
     ``asked``: an offset is required; ``low``: Stribeck parameters to estimate.
     """
@@ -293,7 +293,7 @@ class _Problem:
         return found
 
     def _needs_offset(self, found: Regression) -> bool:
-        """Whether a level is impossible in all logs together, or in a single one.
+        """Return whether a level is impossible in all logs together, or in a single one.
 
         Offsets that differ from log to log do not show in the common fit.
         """
@@ -325,7 +325,7 @@ class _Problem:
 
 
 def levels_impossible(found: Regression) -> bool:
-    """Whether a level about zero is negative beyond its interval."""
+    """Return whether a level about zero is negative beyond its interval."""
     free = found.free
     return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
 
@@ -362,7 +362,7 @@ def _speed_span(low: float, high: float, noise: float) -> float:
 
 
 def _one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
-    """Whether every direction has one speed only."""
+    """Return whether every direction has one speed only."""
     spans = [(low + high, _speed_span(low, high, noise)) for low, high in ranges.values()]
     return all(twice + span < SECOND_SPEED * (twice - span) for twice, span in spans)
 

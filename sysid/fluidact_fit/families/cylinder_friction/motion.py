@@ -210,7 +210,7 @@ def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> Fl
 
 
 def _flattens(before: Motion, now: Motion) -> bool:
-    """Whether a longer filter removes much of the highest speed, and not just its noise.
+    """Return whether a longer filter removes much of the highest speed, and not just its noise.
 
     Noise alone raises the highest speed by up to two of its standard deviations.
     """

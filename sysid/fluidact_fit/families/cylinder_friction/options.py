@@ -18,7 +18,7 @@ ONE_SIDED = ("viscous_positive", "viscous_negative")
 
 @dataclass(frozen=True)
 class FrictionOptions(FamilyOptions):
-    """What is known about the cylinder, and which samples of a log are described."""
+    """Options about the cylinder, and about the samples of a log that are described."""
 
     area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
@@ -70,12 +70,12 @@ class FrictionOptions(FamilyOptions):
 
     @property
     def moved(self) -> float | None:
-        """What is accelerated, a mass [kg] or a moment of inertia [kg m2]."""
+        """Accelerated mass [kg] or moment of inertia [kg m2]."""
         return self.inertia if self.mass is None else self.mass
 
     @property
     def is_settled(self) -> bool:
-        """Whether a fit has settled everything: nothing is left to choose."""
+        """Return whether a fit has settled everything: nothing is left to choose."""
         return self.force_offset is not None
 
     @property

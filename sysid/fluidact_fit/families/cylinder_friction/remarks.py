@@ -1,4 +1,4 @@
-"""What is said about a fit: warnings, and the details in the file."""
+"""Remarks on a fit: warnings, and the details in the file."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
 
 
 def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
-    """What was done, for the file; the instrument is what stands in ``Z' (F - A x) = 0``."""
+    """Details of the method, for the file; the instrument is the one in ``Z' (F - A x) = 0``."""
     order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)
     instrument = "velocity of the neighbouring samples"

@@ -66,7 +66,7 @@ class Data:
         return self.motion.velocity[self.kept]
 
     def side(self, side: str) -> BoolArray:
-        """Which of the kept samples move in a direction."""
+        """Mask of the kept samples that move in a direction."""
         return self.speed > 0.0 if side == "positive" else self.speed < 0.0
 
     def _smoothed(self, force: FloatArray) -> FloatArray:
@@ -219,7 +219,7 @@ def _moving(motion: Motion, deadband: float) -> BoolArray:
 
 
 def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
-    """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
+    """True if samples ``begin`` to ``end`` are on the way from one direction to the other."""
     if begin < 1 or end + 1 > velocity.size:
         return False
     before, after = float(velocity[begin - 1]), float(velocity[end])
@@ -236,7 +236,7 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
 def _drive(
     variant: Variant, experiment: Experiment, options: FrictionOptions
 ) -> tuple[FloatArray | None, FloatArray]:
-    """What drives the motion, ``None`` where it was not recorded, and what pressure opposes [N]."""
+    """Return the drive, ``None`` if it was not recorded, and the opposing pressure force [N]."""
     first, second = (
         np.zeros(experiment.samples)
         if area is None or role not in experiment
@@ -298,7 +298,7 @@ def described(motion: Motion, options: FrictionOptions) -> BoolArray:
 
 
 def _is_steady(velocity: FloatArray) -> bool:
-    """Whether a log was recorded at one speed, whose means over its tenths hardly differ.
+    """Return whether a log was recorded at one speed, whose means over its tenths hardly differ.
 
     Inertia takes nothing from its mean force, which is all that it says of friction; samples
     left out for their acceleration are noise, and the log would count less than the others.
@@ -424,7 +424,7 @@ def group_by_log(data: Sequence[Data]) -> list[list[Data]]:
 
 
 def both_ways(runs: Sequence[Data]) -> bool:
-    """Whether there is motion in both directions."""
+    """Return whether there is motion in both directions."""
     return all(any(d.side(s).any() for d in runs) for s in SIDES)
 
 

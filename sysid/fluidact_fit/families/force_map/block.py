@@ -50,7 +50,7 @@ class ForceMapBlock(Block):
 
     @property
     def input(self) -> Port:
-        """What the output has to rise with: the force for a command, the command for a force."""
+        """Quantity that the output rises with: the force for a command, the command for a force."""
         return Port(self.options.driver, self._unit(self.options.driver))
 
     @cached_property
@@ -99,7 +99,7 @@ class ForceMapBlock(Block):
     def outside(
         self, role: str | None = None, value: npt.ArrayLike = np.nan, **inputs: npt.ArrayLike
     ) -> Any:
-        """Whether values lie outside the range that the data covered.
+        """Return whether values lie outside the range that the data covered.
 
         Either one role with its values, as for every block, or all inputs as when calling:
         then whether any of them does.

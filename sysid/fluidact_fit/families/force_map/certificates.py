@@ -80,7 +80,7 @@ def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[
 def _sides(
     w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], point: FloatArray
 ) -> list[tuple[bool, FloatArray]]:
-    """Which sides of the last unit's hyperplane a region reaches, with a point each."""
+    """Sides of the last unit's hyperplane that a region reaches, with a point each."""
     if np.minimum(w[-1], 0.0).sum() + b[-1] >= -_NARROWEST:
         return [(True, point)]
     if np.maximum(w[-1], 0.0).sum() + b[-1] <= _NARROWEST:
@@ -126,12 +126,12 @@ class Certificate:
     regions: int
 
     def monotone(self, name: str) -> bool:
-        """Whether the output rises with an input everywhere in the box."""
+        """Return whether the output rises with an input everywhere in the box."""
         return name not in self.names or bool(self.low[self.names.index(name)] >= 0.0)
 
 
 def is_enumerable(net: Network) -> bool:
-    """Whether all regions in which a network is affine can be gone through."""
+    """Return whether all regions in which a network is affine can be gone through."""
     return net.activation == "relu" and len(net.weights) == 2 and net.hidden[0] <= ENUMERATED
 
 

@@ -57,7 +57,7 @@ def _check_hidden(given: str) -> str:
 
 @dataclass(frozen=True)
 class ForceMapOptions(FamilyOptions):
-    """What the user chose, and what the training settled."""
+    """Options of the user, and those that the training settled."""
 
     target: str = choice(
         "command", TARGETS,
@@ -130,5 +130,5 @@ def default_inputs(options: ForceMapOptions, experiments: Sequence[Experiment]) 
 
 
 def has_velocity(experiments: Sequence[Experiment]) -> bool:
-    """Whether all logs hold a velocity or a position to compute it from."""
+    """Return whether all logs hold a velocity or a position to compute it from."""
     return all("velocity" in e or (e.time.size > 4 and e["position"].size > 1) for e in experiments)

@@ -137,7 +137,7 @@ def _levels(position: FloatArray) -> Index:
 
 
 def _positions_held_out(data: Data) -> bool:
-    """Whether positions between others were recorded, so that some can be held out.
+    """Return whether positions between others were recorded, so that some can be held out.
 
     A position that moves all the time is as good as many; one that only shows its noise is one.
     """

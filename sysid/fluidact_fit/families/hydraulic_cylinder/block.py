@@ -51,7 +51,7 @@ class HydraulicBlock(FlowBlock):
         return FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
 
     def _of_chamber(self, chamber: int) -> dict[str, float]:
-        """What the flow of one chamber depends on."""
+        """Arguments of the flow of one chamber."""
         if chamber not in self._known:
             raise UsageError(
                 f"the file holds no valve gain of chamber {chamber}",

@@ -1,4 +1,4 @@
-"""What was given and what was recorded: machine, chambers, windows, friction."""
+"""Given and recorded data of a fit: machine, chambers, windows, friction."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class FrictionRows:
 
 @dataclass(frozen=True)
 class Case:
-    """What a fit works on, as it came and as far as it was recorded.
+    """Data that a fit works on, as far as they were recorded.
 
     ``machine`` is without what the stage of the fit leaves aside, ``chambers`` are those whose
     pressure any log holds, ``window`` is the length of the windows [s].
@@ -66,7 +66,7 @@ class Case:
 
     @property
     def both(self) -> bool:
-        """Whether every log holds both pressures."""
+        """Return whether every log holds both pressures."""
         return all(_holds_both(e) for e in self.experiments)
 
     @property

@@ -41,7 +41,7 @@ def command_noise(solution: GraySolution) -> tuple[FloatArray, float]:
 
 
 def _was_seen(solution: GraySolution, k: int) -> bool:
-    """Whether the residuals of a log show that the machine followed the noise of its command.
+    """True if the residuals of a log show that the machine followed the noise of its command.
 
     The share of it that the machine did not follow is estimated beside the parameters.
     """

@@ -240,7 +240,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
 
 
 def _is_gray_box(case: Case) -> bool:
-    """Whether to fit all states: as the file says, else if as much is given and was recorded."""
+    """Decide whether to fit all states: as the file says, else if enough is given and recorded."""
     if case.options.stage == "flow-balance" or not case.machine.complete:
         return False
     if not case.both:

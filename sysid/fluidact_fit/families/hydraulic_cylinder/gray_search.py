@@ -23,7 +23,7 @@ STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 @dataclass(frozen=True)
 class GrayProblem:
-    """What a search works on: the machine and its logs, the free parameters, weights.
+    """Problem of a search: the machine and its logs, the free parameters, weights.
 
     ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
     """
@@ -127,7 +127,7 @@ class GraySolution:
 
     @property
     def active(self) -> BoolArray:
-        """Which of the free parameters are at a bound."""
+        """Mask of the free parameters at a bound."""
         inside = [u.low < self.values[u.name] < u.high for u in self.problem.free]
         return ~np.array(inside, dtype=bool)
 

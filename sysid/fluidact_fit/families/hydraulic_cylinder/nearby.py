@@ -31,7 +31,7 @@ def fall_slopes(
 
 @dataclass(frozen=True)
 class Nearby:
-    """What the model gives for the fitted runs with slightly other inputs, values or options.
+    """Simulation of the fitted runs with slightly other inputs, values or options.
 
     The search for initial states begins with derivatives, which cost most of it. Near the fit
     its own are as good: a change ``d`` of the channels becomes ``d - Q Q' d``, ``Q`` a basis of
@@ -60,7 +60,7 @@ class Nearby:
         return Simulated(found.pop(CHANNELS[-1]), also=found)
 
     def _basis(self, k: int, samples: int) -> FloatArray:
-        """What the initial states of a run can say of its first samples, orthonormal."""
+        """Orthonormal basis of the effect of a run's initial states on its first samples."""
         whole = self.solution.start_basis[k]
         if samples == self.solution.problem.logs[k].samples:
             return whole

@@ -1,4 +1,4 @@
-"""What is known of the machine, what is asked for, and what the fit settles."""
+"""Options: facts about the machine, choices, and what the fit settles."""
 
 from __future__ import annotations
 

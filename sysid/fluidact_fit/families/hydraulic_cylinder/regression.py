@@ -97,7 +97,7 @@ def _levels(case: Case, chamber: int, sign: float) -> FloatArray:
 
 
 def _one_level(size: FloatArray) -> bool:
-    """Whether there is only one size of command."""
+    """Return whether there is only one size of command."""
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 

@@ -32,7 +32,7 @@ _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a s
 
 @dataclass(frozen=True)
 class CylinderRoutines:
-    """What the routines are made of.
+    """Constants of the routines.
 
     ``values`` holds gain, losses and dead zone by chamber, ``known`` the arguments with the
     ranges of the logs, ``networks`` those of the file by name.

@@ -67,7 +67,7 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
 
 
 def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
-    """What to say of a log of the other chamber, and of inputs without any pressure."""
+    """Refusal of a log of the other chamber, and of inputs without any pressure."""
     wanted = f"pressure_{known[0]}"
     have = [f"pressure_{i}" for i in (1, 2) if f"pressure_{i}" in e]
     if have:

@@ -72,7 +72,7 @@ class Windows:
         return self.mean(mean_flow(self.chamber, self.command, self.pressure, values, machine))
 
     def modelled(self, values: Values, machine: Machine) -> Array:
-        """What ``motion`` should be: that flow, less what compresses the oil."""
+        """Expected ``motion``: that flow, less what compresses the oil."""
         flow = self.flow(values, machine)
         beta = values.get("bulk_modulus")
         return flow if beta is None else flow + self.swelling / beta

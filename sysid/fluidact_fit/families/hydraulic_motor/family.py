@@ -235,7 +235,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
     def starts(
         self, fit: ResponseFit[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
     ) -> list[dict[str, float]]:
-        """Where to begin; see :func:`.fit.start_motor`."""
+        """Return starts; see :func:`.fit.start_motor`."""
         return start_motor(fit, experiments, begin)
 
     def simulate(

@@ -1,4 +1,4 @@
-"""Which motors explain the logs: with a saturation where the speeds show one, else without."""
+"""Fit of a motor to logs: with a saturation where the speeds show one, else without."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SHARES = {  # of the highest command, of one over it for the curvature
 
 @dataclass(frozen=True)
 class MotorOptions(ResponseOptions):
-    """What is estimated beside the curve and the lag, and what the fit settles."""
+    """Options: what is estimated beside the curve and the lag, and what the fit settles."""
 
     mode: str = choice(
         "dynamic", ("dynamic", "static"),
@@ -115,7 +115,7 @@ def searched_curve(
 def refused_beforehand(
     experiments: Sequence[Experiment], request: Request[MotorOptions]
 ) -> list[Refusal]:
-    """What no sample tells anything of."""
+    """Refusals of parameters that no sample depends on."""
     middle = middle_of_commands(experiments, request)
     out = [*_one_way(experiments, middle), *_one_sided(experiments, request, middle)]
     free = request.options.command_offset == "estimate" and OFFSET not in request.fixed
@@ -128,7 +128,7 @@ def refused_beforehand(
 
 
 def _turns_both_ways(experiments: Sequence[Experiment]) -> bool:
-    """Whether the motor turns forward and backward by more than a trifle."""
+    """Return whether the motor turns forward and backward by more than a trifle."""
     forward = backward = 0.0
     for e in experiments:
         if "speed" in e:

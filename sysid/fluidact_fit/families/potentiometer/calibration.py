@@ -82,7 +82,7 @@ class Calibration:
 
     @property
     def monotone(self) -> bool:
-        """Whether no curve turns back."""
+        """Return whether no curve turns back."""
         return all(is_monotone(p, w) for p, w in self.curves)
 
     def place(self, reading: FloatArray) -> FloatArray:

@@ -163,7 +163,7 @@ def _settle_rails(
 
 
 def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
-    """How many samples are clipped at an extreme reading, and the code of the notice of it.
+    """Number of samples clipped at an extreme reading, and the code of the notice.
 
     Three or more whose references spread three times wider than those of the readings beside it
     (their scatter about a straight line, and the slope of that line over one step of the
@@ -189,7 +189,7 @@ def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
-    """Whether an extreme at the origin is not where the next readings lead.
+    """Return whether an extreme at the origin is not where the next readings lead.
 
     Neither by line nor by parabola, and by a step out of proportion.
     """

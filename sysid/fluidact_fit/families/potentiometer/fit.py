@@ -1,4 +1,4 @@
-"""Which curve: dead band, degree, whether it turns back, weights that the data determine."""
+"""Choice of the curve: dead band, degree, turning back, weights that the data determine."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class CurveFit:
 
     @property
     def model(self) -> BezierModel:
-        """What was fitted."""
+        """Model that was fitted."""
         return model_of(self.fit)
 
 
@@ -209,7 +209,7 @@ def _check_enough(scaled: Scaled, model: BezierModel) -> None:
 
 
 def is_rising_or_falling(fit: MapFit) -> bool:
-    """Whether no branch turns back."""
+    """Return whether no branch turns back."""
     return all(is_monotone(p, w) for p, w in curves_of(fit))
 
 

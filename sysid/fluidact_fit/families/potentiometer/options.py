@@ -17,7 +17,7 @@ def _check_degree(given: str) -> str:
 
 @dataclass(frozen=True)
 class PotentiometerOptions(FamilyOptions):
-    """What the user chose of the curve, and what the fit settled.
+    """Options of the curve: chosen by the user, and settled by the fit.
 
     Once ``clipped`` is settled no rails are looked for: ``rails`` are those to go by, with the
     margin beside a rail that clips a noisy reading.

@@ -90,7 +90,7 @@ def rational_bezier_slope(
 
 
 def is_monotone(control_points: npt.ArrayLike, weights: npt.ArrayLike) -> bool:
-    """Whether a curve rises or falls all the way.
+    """Return whether a curve rises or falls all the way.
 
     Certain where the control points are in order, otherwise judged by 4001 slopes.
     """

@@ -1,4 +1,4 @@
-"""What the file says of a fitted curve."""
+"""Entries of the file about a fitted curve."""
 
 from __future__ import annotations
 

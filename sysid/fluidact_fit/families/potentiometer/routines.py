@@ -55,7 +55,7 @@ def _place(c: Calibration, reading: Expression) -> Expression:
 
 
 def called(unit: str) -> str:
-    """What a quantity in a unit is called in the code that a controller runs."""
+    """Name of a quantity in a unit in a controller's code."""
     return _CALLED.get(unit, "value")
 
 

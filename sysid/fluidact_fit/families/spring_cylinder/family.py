@@ -271,7 +271,7 @@ _EQUAL = (
 
 
 def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
-    """What was done, for the file; with the error of each branch."""
+    """Details of the method, for the file; with the error of each branch."""
     found, order = fit.found, fit.found.uncertainty.order
     residual = np.concatenate(found.residuals)
     state = np.concatenate([d.direction[d.kept] for d in runs])

@@ -35,7 +35,7 @@ class Fit:
 
     @property
     def equal(self) -> bool:
-        """Whether both levels are one unknown."""
+        """Return whether both levels are one unknown."""
         return EQUAL in self.found.free.names
 
 
@@ -94,7 +94,7 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
 def _out_of_reach(
     runs: Sequence[Run], variant: Variant, fixed: Mapping[str, float], low: Sequence[str]
 ) -> list[Refusal]:
-    """What cannot be determined at any noise: compare what varies with what is needed."""
+    """Refuse what cannot be determined at any noise: compare what varies with what is needed."""
     drive, position, state, speed = (
         np.concatenate([getattr(d, k)[d.kept] for d in runs])
         for k in ("drive", "position", "direction", "velocity")

@@ -23,7 +23,7 @@ _ALL = 0.9  # part of the standard deviation of a column beyond which noise is a
 
 @dataclass(frozen=True)
 class Instrument:
-    """What represents a noisy column, shape ``(n,)``, and the noise of the column [its unit]."""
+    """Instrument of a noisy column, shape ``(n,)``, and the noise of the column [its unit]."""
 
     values: FloatArray
     noise: float
@@ -114,7 +114,7 @@ def _mean_of_neighbours(values: FloatArray) -> FloatArray:
 
 
 def _slope_around(position: FloatArray) -> FloatArray:
-    """What a velocity is proportional to, from samples more than ``REACH`` away, ``(n,)``."""
+    """Return a multiple of the velocity from samples more than ``REACH`` away, ``(n,)``."""
     total = np.concatenate(([0.0], np.cumsum(position)))
     k = np.arange(position.size)
 

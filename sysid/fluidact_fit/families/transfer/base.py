@@ -1,4 +1,4 @@
-"""What transfer-function families share: the fit, the simulation, the model, the block.
+"""Common base of transfer-function families: the fit, the simulation, the model, the block.
 
 A family is its equation (a state space as a function of named values), its parameters, and
 where a search for them begins.
@@ -69,7 +69,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Numbers computed from the parameters, and what is to be said of them."""
 
     def beginnings(self, values: Values) -> Free:
-        """What a run with an offset of its own may have begun with; any state."""
+        """Possible initial states of a run with an offset of its own; any state."""
         return any_start(*self.realise(values))
 
     def fastest(self, values: Values) -> float:

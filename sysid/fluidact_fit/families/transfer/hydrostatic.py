@@ -55,7 +55,7 @@ from .model import Free, TransferModel
 
 @dataclass(frozen=True)
 class HydrostaticOptions(ResponseOptions):
-    """What is estimated beside mass, damping and dead zone."""
+    """Options: what is estimated beside mass, damping and dead zone."""
 
     stiffness: str = choice("none", ASKED, "whether to estimate a spring", "stiffness")
     dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")

@@ -61,7 +61,7 @@ _FAST = 0.6  # sample times of a time constant below which samples show little o
 
 @dataclass(frozen=True)
 class LineOptions(ResponseOptions):
-    """What is known about the line."""
+    """Options about the line."""
 
     length: float | None = number(
         help="length of the line, to compare the dead time with", unit="m", above=0.0

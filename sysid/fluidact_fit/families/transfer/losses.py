@@ -28,7 +28,7 @@ Lossy = Callable[[Plant[Any], Sequence[Experiment], Sequence[Simulated]], Forces
 
 
 def other_losses(plant: Plant[Any]) -> list[UnmodelledEffect]:
-    """What every hydrostatic machine is tried for; see :meth:`.Family.unmodelled_effects`."""
+    """Unmodelled losses of a hydrostatic machine; see :meth:`.Family.unmodelled_effects`."""
     turbulent = UnmodelledEffect(
         "turbulent losses",
         "losses grow with the square of the speed, not with the speed alone",

@@ -181,7 +181,7 @@ class TransferModel:
     def _shape(
         self, index: int, values: Values
     ) -> Callable[[PiecewiseInput], PiecewiseInput] | None:
-        """What the input passes first."""
+        """Static characteristic in front of the linear model."""
         if not self.dead_zone:
             return None
         edges = real_if_real(np.array([values[f"dead_zone_{s}"] for s in ("negative", "positive")]))
@@ -220,7 +220,7 @@ class TransferModel:
         return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
 
     def beyond(self, index: int, values: Values) -> float:
-        """What is to be added to the response: the level, unless an offset holds it."""
+        """Return what is added to the response: the level, unless an offset holds it."""
         return 0.0 if self.begin.offset == "none" else self.level(index, values)
 
     def free_responses(self, index: int, values: Values) -> Iterator[FloatArray]:

@@ -1,4 +1,4 @@
-"""What a controller runs of a linear model: one step, and the inverse of its dead zone."""
+"""Routines of a linear model for a controller: one step, and the inverse of its dead zone."""
 
 from __future__ import annotations
 

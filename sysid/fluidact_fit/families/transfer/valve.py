@@ -36,7 +36,7 @@ _LEAST_DAMPING = 0.02  # damping ratio that a valve has at least
 
 @dataclass(frozen=True)
 class ValveOptions(ResponseOptions):
-    """What is estimated beside gain, frequency and damping."""
+    """Options: what is estimated beside gain, frequency and damping."""
 
     dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")
     zero: str = choice("none", ASKED, "whether to estimate a zero", "zero_time_constant")
