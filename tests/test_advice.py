@@ -136,3 +136,15 @@ def test_a_column_called_torque_commands_nothing(tmp_path: Path) -> None:
                header="time [s],Torque actual value [%],Velocity actual value [rpm]")  # fmt: skip
     found = suggest([ff.read_log(path)], ["drive.csv"], trial=False)
     assert "hydraulic-motor" not in {s.family for s in found}
+
+
+@pytest.mark.parametrize("names", ["Druck A,Druck B", "Kammer 1,Kammer 2", "p_A,p_B"])
+def test_chambers_are_told_by_number_or_letter(names: str) -> None:
+    rng = np.random.default_rng(2)
+    first, second = names.split(",")
+    columns = {"t [s]": 0.001 * np.arange(500), "Ventil [V]": rng.normal(size=500)}
+    columns |= {f"{second} [bar]": rng.normal(size=500), f"{first} [bar]": rng.normal(size=500)}
+    columns |= {"Weg [mm]": rng.normal(size=500)}
+    found = suggest([ff.read_log(columns)], ["messung.csv"], "hydraulic-cylinder", trial=False)
+    assert found[0].columns["pressure_1"] == "#4"
+    assert found[0].columns["pressure_2"] == "#3"

@@ -108,7 +108,11 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         return click.Choice(option.choices)
     forms: dict[str, tuple[str, str, Callable[[str], Any]]] = {
         "int": ("N", "4", _whole),
-        "float": ("NUMBER", "1.5", partial(in_si, option.unit) if option.unit else parse_number),
+        "float": (
+            "NUMBER",
+            f"1.5{option.unit.replace(' ', '')}" if option.unit else "1.5",
+            partial(in_si, option.unit) if option.unit else parse_number,
+        ),
         "range": ("LOW:HIGH", "0:10", parse_range),
         "text": ("TEXT", str(option.default or "auto"), parse_text),
     }

@@ -68,6 +68,9 @@ _WORDS: dict[str, str] = {
     "direction": "direction richtung state",
 }
 
+# How people number what there are two of.
+_ORDINALS = {"1": frozenset("1a"), "2": frozenset("2b")}
+
 # Words of a column that holds what was asked for, not what was measured; roles that are that.
 _REFERENCES = frozenset(
     ("ref", "reference", "soll", "sollwert", "setpoint", "target", "desired", "demand", "cmd")
@@ -324,10 +327,19 @@ def _score(log: Log, role: Role, column: Column) -> float:
     words = _words(column)
     if "_".join(words) == role.name or column.name.casefold() == role.name:
         return measured + _NAMED
-    called = bool({*words, "".join(words)} & set(_WORDS.get(role.name, "").split()))
+    called = _is_called(role.name, words)
     asked_for = role.name not in _SET_POINTS and bool(_REFERENCES & set(words))
     another = not called and bool(_QUANTITIES & set(words))
     return measured + _CALLED * called - _DOUBT * (asked_for or another)
+
+
+def _is_called(role: str, words: Sequence[str]) -> bool:
+    """Return whether words name a role, or what it is and which of two: ``Druck B``."""
+    if {*words, "".join(words)} & set(_WORDS.get(role, "").split()):
+        return True
+    kind, _, number = role.rpartition("_")
+    which = _ORDINALS.get(number, frozenset()) & set(words)
+    return bool(which) and bool(set(_WORDS.get(kind, "").split()) & set(words))
 
 
 def _words(column: Column) -> list[str]:

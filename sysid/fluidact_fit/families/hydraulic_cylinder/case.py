@@ -226,7 +226,9 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
             f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} needed",
             expected="Areas and supply pressure are properties of the machine that the logs "
             "cannot tell; nothing is assumed for them.",
-            remedy="Give " + ", ".join(f"{m} NUMBER" for m in missing) + " in SI units (m2, Pa).",
+            remedy="Give "
+            + ", ".join(f"{m} NUMBER" for m in missing)
+            + " in SI units (m2, Pa), or with a unit on the command line (4.91cm2, 50bar).",
         )
     supply = o.supply_pressure or 0.0
     if o.tank_pressure >= supply:
