@@ -520,7 +520,7 @@ def fit_line(
 
     ::
 
-        outlet(s)/inlet(s) = gain * exp(-dead_time s) / ((time_constant second_time_constant s^2 +)
+        outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant second_time_constant s^2 +
         time_constant s + 1)
 
     Roles (line): ``time`` [s], ``inlet`` [Pa or V or A or 1], ``outlet`` [Pa or V or A or 1].

@@ -107,7 +107,7 @@ def test_jobs_from_the_names_of_logs(valve: Log, tmp_path: Path, apart: Run) -> 
     [
         ((), "there are no jobs"),
         (("jobs.csv", "--family", "valve"), "JOBS lists them already"),
-        (("jobs.csv", "--scheduler", "tcp://x:1", "--workers", "2"), "workers of its own"),
+        (("jobs.csv", "--scheduler", "tcp://x:1", "--workers", "2"), "brings its own workers"),
         (("none.csv",), "none.csv: cannot be read"),
         (("jobs.csv", "--scheduler", "nowhere"), "cannot be used"),
     ],

@@ -160,7 +160,7 @@ def test_inspect(here: Run, valve: Log, inside: Path) -> None:
     done = here("inspect", log, "--family", "valve")
     assert done.status == 0
     assert "usable for valve" in done.out
-    assert here("inspect", log, "--family", "line").status == 3
+    assert here("inspect", log, "--family", "ball-screw").status == 3
     assert here("inspect", "nowhere.csv").status == 3
     done = here("inspect", log, "--column", "force=F")
     assert done.status == 3

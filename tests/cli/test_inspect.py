@@ -28,6 +28,7 @@ def test_everything_but_commands_fits_the_terminal(
     here: Run, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr("fluidact_fit_cli.show.width_of", lambda stream: width)
     for log in (LINE, ROOT / "datasets" / "hydraulic-cylinder" / "trial1.csv"):
         done = here("inspect", log, "--no-trial")
         lines = [x for x in done.out.splitlines() if "fluidact-fit" not in x and str(log) not in x]

@@ -59,7 +59,7 @@ def test_a_signal_that_does_not_change(unit: str, text: str) -> None:
 
 
 def _experiment_notices(log: ff.Log) -> list[str]:
-    (variant,) = get_family("line").variants
+    variant = get_family("line").variant("line")
     return [n.message for n in experiments(log, variant)[1]]
 
 

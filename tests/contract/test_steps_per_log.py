@@ -80,7 +80,7 @@ def test_a_new_log_needs_its_step(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (given(STEPS[0], "run9.csv:"), "--step 'run9.csv:command=...' names a log that is not"),
+        (given(STEPS[0], "run9.csv:"), "--step 'run9.csv:command' names a log that is not"),
         (["--step", "run0.csv:comand=0:1"], "Did you mean 'command'?"),
         (["--step", "run0.csv:command=1"], "has no colon"),
         ([*given(STEPS[0]), *given(STEPS[1])], "'command' was given twice"),

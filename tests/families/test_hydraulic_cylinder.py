@@ -458,7 +458,7 @@ def test_nonsense_is_refused() -> None:
     with pytest.raises(UsageError, match="far below the 4"):
         ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "supply_pressure": 50.0})
     areas = {"area_1": 4.91, "area_2": 2.37}  # cm2
-    with pytest.raises(UsageError, match="units of the areas"):
+    with pytest.raises(UsageError, match="in m2, larger than any actuator"):
         ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, **areas})
 
 

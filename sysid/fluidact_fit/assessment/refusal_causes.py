@@ -210,7 +210,7 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
     """True if the output is the input at the very same sample, but for a factor and noise."""
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST and np.ptp(u) > 0.0]
+    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST and np.ptp(u) > 0.0 < np.ptp(y)]
     return bool(both) and all(
         np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - _ALIKE**2
         and np.argmax(np.abs(_correlations(np.diff(u), np.diff(y), (0, *_LAGS)))) == 0

@@ -135,8 +135,9 @@ def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> list[
     output, inputs = variant.output.name, [r.name for r in variant.driving]
     found = []
     for spec in variant.parameters:
-        top, bottom = spec.ratio or ("", "")
-        q = solution.parameters.get(spec.name)
+        if not spec.ratio:
+            continue
+        top, bottom, q = spec.ratio[0], spec.ratio[-1], solution.parameters.get(spec.name)
         if top == output and bottom in inputs and q is not None and np.all(np.array(q.value) < 0.0):
             found.append(
                 Notice(

@@ -52,7 +52,9 @@ def require_two_signals(log: Log, variant: Variant, runs: Sequence[Experiment]) 
 
 
 def _sampled_alike(e: Experiment, one: str, other: str) -> bool:
-    return one in e and other in e and e[one].size == e[other].size >= _FEWEST
+    if one not in e or other not in e or e[one].size < _FEWEST:
+        return False
+    return np.array_equal(e.signals[one].time, e.signals[other].time)
 
 
 def _factor(e: Experiment, one: str, other: str, moving: bool) -> float:

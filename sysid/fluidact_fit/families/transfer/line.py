@@ -51,7 +51,7 @@ from .base import TransferFamily
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
 _EQUATION = (
     "outlet(s)/{}(s) = gain * exp(-dead_time s) "
-    "/ ((time_constant second_time_constant s^2 +) time_constant s + 1)"
+    "/ (time_constant second_time_constant s^2 + time_constant s + 1)"
 )
 _SECOND = "second_time_constant"
 _PART = 0.1  # of the first time constant, that a second one is tried with
@@ -90,8 +90,8 @@ def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: 
                 "the time the wave needs to travel.",
             ),
             ParameterSpec(
-                _SECOND, "s", "of a second order: about its shorter lag", neutral=0.0,
-                minimum=0.0, optional=True,
+                _SECOND, "s", "of a second order, about its shorter lag; of a first order 0",
+                neutral=0.0, minimum=0.0, optional=True,
                 remedy=f"Record sharp steps of the {drive.name}, sampled several times within it; "
                 "or leave --order out.",
             ),
@@ -152,7 +152,7 @@ class Line(TransferFamily[LineOptions]):
         return a, rate * np.array([0.0, 1.0]), np.array([1.0, 0.0])
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """``gain / ((time_constant second_time_constant s^2 +) time_constant s + 1)``."""
+        """``gain / (time_constant second_time_constant s^2 + time_constant s + 1)``."""
         slow, fast = values["time_constant"], values.get(_SECOND, 0.0)
         return [values["gain"]], [slow * fast, slow, 1.0] if fast else [slow, 1.0]
 
