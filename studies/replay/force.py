@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from fluidact_fit.block import Port
 from fluidact_fit.control.controllers import FeedforwardForceController, Smoothing
 from fluidact_fit.control.controllers.force import Reading
-from fluidact_fit.control.loop import Response, run_loop
+from fluidact_fit.control.loop import LoopResponse, run_loop
 from fluidact_fit.control.metrics import StepMetrics, step_metrics
 from fluidact_fit.control.plants.force import ForcePlant
 from fluidact_fit.control.plants.linear import Chain, make_chain
@@ -26,7 +26,7 @@ KEYS: tuple[Key, ...] = (
 )
 
 
-def force_step(size: float, steps: int, reading: Reading = "held") -> Response:
+def force_step(size: float, steps: int, reading: Reading = "held") -> LoopResponse:
     """A step of the force of the paper's cylinder at 23.2 mm."""
     place, gain, spring, preload, level = 23.2e-3, 18.09, 300.0, 5.0, 2.4
     rest = spring * place + preload
@@ -42,17 +42,17 @@ def force_step(size: float, steps: int, reading: Reading = "held") -> Response:
     return run_loop(plant, controller, Reference("step", size=size, at=AT), 1.0, 0.0)
 
 
-def metrics(r: Response) -> StepMetrics:
+def metrics(r: LoopResponse) -> StepMetrics:
     """Metrics of a step of the force."""
     return step_metrics(r.time, r.output, float(r.reference[-1]), at=AT)
 
 
-def run() -> dict[Key, Response]:
+def run() -> dict[Key, LoopResponse]:
     """Every step of the page."""
     return {key: force_step(*key) for key in KEYS}
 
 
-def rows(runs: Mapping[Key, Response]) -> list[str]:
+def rows(runs: Mapping[Key, LoopResponse]) -> list[str]:
     """Steps against the paper."""
     found = []
     for size, source in SOURCE.items():
@@ -81,7 +81,7 @@ def rows(runs: Mapping[Key, Response]) -> list[str]:
     return found
 
 
-def smoothed(runs: Mapping[Key, Response]) -> list[str]:
+def smoothed(runs: Mapping[Key, LoopResponse]) -> list[str]:
     """Every step with every smoothing, of which the paper prints figures only."""
     found = []
     for size in SOURCE:

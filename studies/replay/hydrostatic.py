@@ -10,7 +10,7 @@ import numpy as np
 from fluidact_fit.block import Port
 from fluidact_fit.control.controllers import Gains, PDController, Travel
 from fluidact_fit.control.controllers.pd import StaticFriction
-from fluidact_fit.control.loop import Response, run_loop
+from fluidact_fit.control.loop import LoopResponse, run_loop
 from fluidact_fit.control.margins import loop_margins
 from fluidact_fit.control.metrics import StepMetrics, step_metrics
 from fluidact_fit.control.plants.drive import DrivePlant, behind_screw, rigid_line
@@ -77,15 +77,15 @@ class Runs:
     ``stiff`` that with the gains of :func:`onset`, ``jolt`` the insertion with the operator's hand.
     """
 
-    step: Response
-    coarse: Response
-    limit: tuple[Response, Response]
-    stiff: Response
-    triangle: Response
-    plain: Response
-    sine: Response
-    insertion: Response
-    jolt: Response
+    step: LoopResponse
+    coarse: LoopResponse
+    limit: tuple[LoopResponse, LoopResponse]
+    stiff: LoopResponse
+    triangle: LoopResponse
+    plain: LoopResponse
+    sine: LoopResponse
+    insertion: LoopResponse
+    jolt: LoopResponse
 
 
 def run() -> Runs:
@@ -113,12 +113,12 @@ def run() -> Runs:
     )
 
 
-def puncture(r: Response) -> int:
+def puncture(r: LoopResponse) -> int:
     """Number of the sample at which the tissue resists most."""
     return int(r.measured["resistance"].argmax())
 
 
-def _hand(insertion: Response) -> SampledReference:
+def _hand(insertion: LoopResponse) -> SampledReference:
     """Ramp until the puncture, then a jolt of the hand that holds on."""
     at = puncture(insertion)
     place, end = insertion.reference[at], insertion.time[-1]
@@ -126,7 +126,7 @@ def _hand(insertion: Response) -> SampledReference:
     return SampledReference(time, np.array([0.01, place, place + JOLT, place + JOLT]))
 
 
-def plateau(r: Response) -> float:
+def plateau(r: LoopResponse) -> float:
     """Largest error at the end of a rest of three samples or more [m]."""
     still = np.diff(r.output) == 0.0
     ends = [k for k in range(3, still.size) if still[k - 3 : k].all() and not still[k]]
@@ -166,11 +166,11 @@ def rows(runs: Runs) -> list[str]:
     ]  # fmt: skip
 
 
-def _metrics(r: Response) -> StepMetrics:
+def _metrics(r: LoopResponse) -> StepMetrics:
     return step_metrics(r.time, r.output, TARGET, at=AT)
 
 
-def _rms(r: Response) -> float:
+def _rms(r: LoopResponse) -> float:
     return 1e3 * float(np.sqrt(np.mean(r.error[r.time > 1.0] ** 2)))
 
 

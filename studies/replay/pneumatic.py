@@ -11,7 +11,7 @@ import numpy as np
 from fluidact_fit.block import Port
 from fluidact_fit.control.controllers import ImpedanceController
 from fluidact_fit.control.controllers.impedance import Impedance, KnownFriction, Pressures
-from fluidact_fit.control.loop import Response, run_loop
+from fluidact_fit.control.loop import LoopResponse, run_loop
 from fluidact_fit.control.margins import loop_margins
 from fluidact_fit.control.plants.linear import make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
@@ -64,7 +64,7 @@ class Insertion:
 
     setting: Setting
     gain_margin: float
-    response: Response | None
+    response: LoopResponse | None
 
     @property
     def name(self) -> str:

@@ -137,7 +137,7 @@ def fit_potentiometer(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("potentiometer", **locals())
 
@@ -257,7 +257,7 @@ def fit_ball_screw(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("ball-screw", **locals())
 
@@ -373,7 +373,7 @@ def fit_hydrostatic(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("hydrostatic", **locals())
 
@@ -490,7 +490,7 @@ def fit_valve(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("valve", **locals())
 
@@ -614,7 +614,7 @@ def fit_line(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("line", **locals())
 
@@ -783,7 +783,7 @@ def fit_cylinder_friction(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("cylinder-friction", **locals())
 
@@ -918,7 +918,7 @@ def fit_force_map(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("force-map", **locals())
 
@@ -1052,7 +1052,7 @@ def fit_spring_cylinder(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("spring-cylinder", **locals())
 
@@ -1195,7 +1195,7 @@ def fit_hydraulic_cylinder(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("hydraulic-cylinder", **locals())
 
@@ -1339,7 +1339,7 @@ def fit_hydraulic_motor(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("hydraulic-motor", **locals())
 
@@ -1451,7 +1451,7 @@ def fit_flow_map(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("flow-map", **locals())
 
@@ -1557,7 +1557,7 @@ def fit_backlash(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     return fit("backlash", **locals())
 # [[[end]]]

@@ -133,7 +133,7 @@ def fit(
     UsageError, LogError, NotIdentifiedError
         With what was found, where, and what to do.
     StrictError
-        When there is a warning under ``strict``.
+        When there is a warning or a note under ``strict``.
     """
     chosen = get_family(family)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}

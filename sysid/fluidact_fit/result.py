@@ -97,20 +97,21 @@ class FitResult(Outcome):
         return self.document.model_copy(update={"accepted_failed": True})
 
     def raise_for_notices(self) -> None:
-        """Refuse a fit that has warnings, as ``strict`` does; notes inform only.
+        """Refuse a fit with warnings or notes, as ``strict`` does: an assumed unit is a note.
 
         Raises
         ------
         StrictError
-            When there is a warning.
+            When there is a warning or a note.
         """
-        warnings = [n for n in self.notices if not is_information(n.code)]
-        if not warnings:
+        if not self.notices:
             return
-        count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+        notes = sum(is_information(n.code) for n in self.notices)
+        counts = ((len(self.notices) - notes, "warning"), (notes, "note"))
+        count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
         raise StrictError(
             f"{count} under --strict; nothing was written:",
-            expected="\n".join(f"  {n.code}: {n.message}" for n in warnings),
+            expected="\n".join(f"  {n.code}: {n.message}" for n in self.notices),
             remedy="Remove the causes, or run without --strict.",
         )
 

@@ -127,7 +127,10 @@ def test_strict(here: Run, valve: Log, inside: Path) -> None:
     assert "unit-overridden" in done.err
     assert not (inside / "valve.yaml").exists()
     log.write_text(log.read_text().replace(" [V]", ""))
-    done = here("valve", log, "--strict")  # a note is no warning
+    done = here("valve", log, "--strict")  # an assumed unit is a note
+    assert done.status == 4
+    assert "error: 1 note under --strict; nothing was written:\n" in done.err
+    done = here("valve", log)
     assert done.status == 0
     assert "\nnote (unit-assumed): valve.csv: " in "\n" + done.err
     assert here("valve", log, "-fq").err == ""

@@ -50,7 +50,7 @@ _JUDGING: list[click.Parameter] = [
            "Validate with these seconds of the logs of --validate, or of the logs that are "
            "fitted (--window then has to leave them out).", _JUDGED),
     flag("--strict", group=_JUDGED,
-         help="Any warning ends the run with exit status 4, and nothing is written."),
+         help="Any warning or note ends the run with exit status 4; nothing is written."),
     flag("--accept-failed", group=_JUDGED,
          help="Write the file even if the verdict is FAIL; the file says so."),
     Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=_JUDGED,
