@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -92,10 +93,12 @@ class Command(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Say where the other options are."""
         super().format_epilog(ctx, formatter)
-        rare = sum(param.name in _RARE for param in self.get_params(ctx))
         if self.is_short and not ctx.meta.get(_ALL):
+            rare = [param.opts[0] for param in self.get_params(ctx) if param.name in _RARE]
             formatter.write_paragraph()
-            formatter.write_text(f"{rare} more options: {ctx.command_path} --help-all")
+            text = f"More, see {ctx.command_path} --help-all: {', '.join(rare)}"
+            lines = textwrap.wrap(text, formatter.width, break_on_hyphens=False)
+            formatter.write("\n".join(lines) + "\n")
 
 
 def _help_all() -> click.Option:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .command import ROOT, continuous, fit
+from .command import ROOT, fit
 from .figures import Figure, number, quantity
 from .task import Task
 
@@ -48,7 +48,7 @@ def _more(name: str) -> list[str]:
         "P1": [],
         "P2": ["--fix", "gain=1"],
         "P3": ["--hold", "inlet=zoh"],
-        "P4": ["--hold", f"torque={continuous()}"],
+        "P4": ["--hold", "torque=auto"],
     }[name]
 
 

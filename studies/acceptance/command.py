@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import resource
 import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -90,14 +88,3 @@ def processor_time(command: Sequence[str], limit: float = LIMIT) -> float:
         raise RuntimeError(f"exit {done.returncode}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-@cache
-def continuous() -> str:
-    """The hold that leaves straight lines or a smooth curve to the samples.
-
-    It is ``auto`` where the command knows that word, and ``foh`` in earlier versions.
-    """
-    said = execute(["ball-screw", "--help"]).said
-    listed = re.search(r"--hold\s+ROLE=(\S+)", said)
-    return "auto" if listed and "auto" in listed[1].split("|") else "foh"

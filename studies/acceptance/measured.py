@@ -264,7 +264,7 @@ def _dryer(data: Path, folder: Path) -> list[Figure]:
 
 def _kirby(data: Path, folder: Path) -> list[Figure]:
     given = ["potentiometer", str(data / "Kirby2.dat"), *columns(reading="#2", reference="#1"),
-             "--degree", "2"]  # fmt: skip
+             "--unit", "reference=1", "--degree", "2"]  # fmt: skip
     run = fit(given, folder / "kirby.yaml")
     certified = 3.9050739624
     seen = run.word if run.file is None else (
