@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 
-from .experiment import FloatArray
+from ..experiment import FloatArray
 
 _TAPS = 100  # of an impulse response
 _FEWEST_TAPS = 10

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .experiment import FloatArray
+from ..experiment import FloatArray
 
 _SEGMENTS = 8  # of a spectrum at least
 _LAGS = 30  # of a cross-correlation, to either side

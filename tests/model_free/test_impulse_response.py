@@ -7,8 +7,12 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from fluidact_fit.experiment import FloatArray
-from fluidact_fit.nonparametric import impulse_response, respond_alike
-from fluidact_fit.spectra import cross_correlation, frequency_response
+from fluidact_fit.model_free import (
+    cross_correlation,
+    frequency_response,
+    impulse_response,
+    respond_alike,
+)
 
 STEP = 0.01  # s
 DELAY = 7  # samples

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .experiment import Experiment, FloatArray
-from .family import Variant
-from .nonparametric import ImpulseResponse, impulse_response, respond_alike
-from .outcome import Outcome, Simulation
-from .specification import quotient_unit
+from ..experiment import Experiment, FloatArray
+from ..family import Variant
+from ..outcome import Outcome, Simulation
+from ..specification import quotient_unit
+from .impulse_response import ImpulseResponse, impulse_response, respond_alike
 from .spectra import CrossCorrelation, FrequencyResponse, cross_correlation, frequency_response
 
 
