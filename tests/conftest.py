@@ -17,7 +17,7 @@ LONG = (
     "hydraulic-cylinder",
     "force-map",
     "tests/families/test_stribeck.py",
-    "tests/families/test_dynamic.py",
+    "tests/families/test_transfer.py",
     "tests/studies/test_red_team.py",
     "tests/cli/test_batch.py",
     "tests/test_excitation.py",

@@ -130,11 +130,11 @@ CHANNEL_MISSED = _declare(
 HOLD_EVIDENCE = _declare(
     "hold_evidence",
     7.0, "log-likelihood that tells one hold from another: a thousand to one",
-    "tests/families/test_dynamic.py: the wrong hold")
+    "tests/families/test_transfer.py: the wrong hold")
 HOLD_EXPLAINS = _declare(
     "hold_explains",
     0.7, "part of the residual that another hold leaves at most where forces are in it",
-    "tests/families/test_dynamic.py")
+    "tests/families/test_transfer.py")
 # numbers that no actuator has
 _UNITS = "tests/assessment/test_implausible.py"
 LARGEST_AREA = _declare(
