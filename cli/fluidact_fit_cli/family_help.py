@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -18,12 +19,12 @@ from .options import Option, flag
 from .parse import Parsed, in_si, parse_number, parse_range, parse_text
 
 _PREFIX = "family_option_"
-_WIDTH = 76
+_WIDEST = 80  # columns of a help text, as click has them
 
 
 def help_text(family: Described) -> str:
     """Return title, equation, roles and parameters of a family."""
-    equation = textwrap.wrap(family.equation, _WIDTH, initial_indent="  ",
+    equation = textwrap.wrap(family.equation, _width(), initial_indent="  ",
                              subsequent_indent="    ", break_long_words=False)  # fmt: skip
     parts = [family.title + ".", _block(["Equation:", *equation])]
     several = len(family.variants) > 1
@@ -39,6 +40,10 @@ def help_text(family: Described) -> str:
     return "\n\n".join(parts)
 
 
+def _width() -> int:
+    return max(min(shutil.get_terminal_size().columns, _WIDEST) - 4, 40)
+
+
 def _block(lines: Iterable[str]) -> str:
     """A paragraph that click leaves as it is."""
     return "\n".join(["\b", *lines])
@@ -50,7 +55,7 @@ def _definitions(rows: Iterable[tuple[str, str]]) -> list[str]:
     lines = []
     for name, text in listed:
         lines += textwrap.wrap(
-            text, _WIDTH, initial_indent=f"  {name}".ljust(width), subsequent_indent=" " * width
+            text, _width(), initial_indent=f"  {name}".ljust(width), subsequent_indent=" " * width
         )
     return lines
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from .show import (
     format_interval,
     format_number,
     format_spread,
+    width_of,
 )
 
 _MOST_ROWS = 24  # of one list parameter
@@ -43,8 +45,18 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     fit = document["fit"]
     runs = f" in {len(fit['logs'])} runs" if len(fit.get("logs", [])) > 1 else ""
     agreement = [_percent(fit), _rmse(fit, units), f"{fit['samples']} samples{runs}"]
-    echo_painted("verdict ", fit["verdict"].upper(), "   ", _joined(agreement))
+    _echo_verdict(fit["verdict"].upper(), _joined(agreement))
     _echo_logs(document, units, verbose)
+
+
+def _echo_verdict(verdict: str, agreement: str) -> None:
+    """Print the verdict and how well the model fits, in two lines where one is too narrow."""
+    width = width_of(sys.stdout)
+    if width is None or len(f"verdict {verdict}   {agreement}") <= width:
+        echo_painted("verdict ", verdict, "   ", agreement)
+    else:
+        echo_painted("verdict ", verdict)
+        echo_text(agreement)
 
 
 def _rows(

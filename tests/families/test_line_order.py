@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from studies.structures import line
@@ -9,6 +11,7 @@ from studies.structures import line
 import fluidact_fit as ff
 
 HELD = {"inlet": "zoh"}
+DATASET = Path(__file__).parents[2] / "datasets" / "line"
 
 
 def logs(lags: tuple[float, ...]) -> list[dict[str, np.ndarray]]:
@@ -42,3 +45,13 @@ def test_a_line_of_first_order_has_no_second_time_constant() -> None:
     q = result.parameters["second_time_constant"]
     assert q.status == "not_identified" or q.number < 4.0 * float(q.std_error or 0.0)
     assert "second_time_constant" not in ff.fit("line", logs((0.12,)), hold=HELD).parameters
+
+
+def test_a_second_order_that_is_not_there_leaves_the_dead_time() -> None:
+    columns = {"inlet": "p_valve (bar)", "outlet": "p_chamber (bar)"}
+    found = ff.fit(
+        "line", [DATASET / "trial1.csv", DATASET / "trial2.csv"], columns=columns, order="second"
+    ).parameters
+    assert found["second_time_constant"].status == "not_identified"
+    dead_time = found["dead_time"]
+    assert abs(dead_time.number - 0.0147) < 4.0 * float(dead_time.std_error)

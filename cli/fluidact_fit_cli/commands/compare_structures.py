@@ -15,7 +15,7 @@ from .. import options
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, format_number
+from ..show import echo, echo_json, echo_table, echo_text, format_number
 from .fit_family import PARAMETERS, check_family_names, in_si
 
 if TYPE_CHECKING:
@@ -90,23 +90,28 @@ def _show(found: StructureComparison, command: str) -> None:
     echo_table([head, *map(_row, found.structures)], right=(1, 2, 3, 5))
     for one in found.structures:
         if one.reason:
-            echo(f"{one.name}: {one.reason}")
+            echo_text(f"{one.name}: {one.reason}")
     best = found.best
     if best is None:
         echo("\nall structures were refused")
         return
-    echo(f"\nk: estimated parameters; ΔBIC: above the lowest, on the same {found.samples} samples")
+    echo()
+    echo_text(
+        f"k: estimated parameters; ΔBIC: above the lowest, on the same {found.samples} samples"
+    )
     if found.held_out:
-        echo(f"held out: {found.held_out}, predicted by a fit to the rest")
+        echo_text(f"held out: {found.held_out}, predicted by a fit to the rest")
     moved = [(one, m) for one in found.structures for m in one.moved]
     if moved:
-        echo(f"\nwhat differs by more than 2 standard errors from '{best.name}':")
+        echo()
+        head = ["structure", "parameter", "value", "recommended", "unit", "std errors"]
         rows = [
-            [f"  {one.name}", m.name, format_number(m.value, m.std_error), "instead of",
-             format_number(m.recommended, m.std_error), m.unit, f"{m.deviation:+.1f} std errors"]
+            [one.name, m.name, format_number(m.value, m.std_error),
+             format_number(m.recommended, m.std_error), m.unit, f"{m.deviation:+.1f}"]
             for one, m in moved
         ]  # fmt: skip
-        echo_table(rows, right=(2, 4))
+        echo_table([head, *rows], right=(2, 3, 5))
+        echo_text(f"listed are differences of more than 2 standard errors from '{best.name}'")
     echo(f"\nrecommended: {best.name}\n  {command}")
 
 

@@ -312,12 +312,16 @@ def _without_effect(
             if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > DECIDED:
                 continue
         rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
-        if rise < DECISIVE:
-            reason = (
-                f"the data are explained as well if it lies beyond {value:.3g} "
-                f"{specs[name].unit}, where these logs end."
-            )
-            out.append(Refusal(name, reason, value))
+        if rise >= DECISIVE:
+            continue
+        if value == unknowns[name].low and specs[name].neutral is not None:
+            out.append(Refusal(name, "the data are explained as well without it."))
+            continue
+        reason = (
+            f"the data are explained as well if it lies beyond {value:.3g} "
+            f"{specs[name].unit}, where these logs end."
+        )
+        out.append(Refusal(name, reason, value))
     return out
 
 

@@ -165,7 +165,8 @@ class Line(TransferFamily[LineOptions]):
             Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
         ]
         if request.options.order == "second" or _SECOND in request.fixed:
-            searched.append(Searched(_SECOND, step, (1e-3 * step, 100.0 * span), axis[::2]))
+            none = 0.1 * step  # too short for the samples to show it
+            searched.append(Searched(_SECOND, step, (none, 100.0 * span), axis[::2], idle=none))
         return Plan(searched, lag=lambda at: at["time_constant"])
 
     def unmodelled_effects(self, plant: Plant[LineOptions]) -> Sequence[UnmodelledEffect]:
