@@ -93,3 +93,10 @@ def test_a_column_that_was_computed_is_told_from_one_that_was_measured() -> None
     assert factor_between(u, 35.15 * u + 0.1 * RNG.standard_normal(500)) is None
     levels = RNG.integers(0, 2, 500).astype(float)
     assert factor_between(levels, 2.0 * levels) is None  # switched together, not computed
+
+
+def test_the_largest_number_there_is_hides_no_other_channel() -> None:
+    broken = WAVE.copy()
+    broken[700] = np.finfo(float).max
+    columns = [column(WAVE, 1), column(broken, 2)]
+    assert [r.lag for r in relate(columns)] == [0]

@@ -71,3 +71,9 @@ def test_a_long_list_is_counted(model: Any) -> None:
     block = ff.load(GOLDEN / "force-map.yaml", accept_failed=True)
     assert " x " in next(row[1] for row in block.table().rows if row[0] == "weights_1")
     assert "weights_1[0][0]" in block.to_dataframe().index
+
+
+@pytest.mark.parametrize("asked", [{"n": 0}, {"n": -1}, {"n": 5, "seed": -1}, {"chains": 0}])
+def test_draws_that_cannot_be_are_refused(model: Any, asked: dict[str, int]) -> None:
+    with pytest.raises(ff.UsageError, match="1 or more"):
+        model.draws(**asked)

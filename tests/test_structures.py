@@ -11,7 +11,13 @@ from studies.structures import Machine, machines, recommended
 from fluidact_fit.errors import LogError, UsageError
 from fluidact_fit.families import family_names, get_family
 from fluidact_fit.options import describe
-from fluidact_fit.structures import StructureFit, _recommended, bayes_criteria, compare_structures
+from fluidact_fit.structures import (
+    StructureFit,
+    _recommended,
+    _rival,
+    bayes_criteria,
+    compare_structures,
+)
 
 QUICK = {"valve", "line", "spring-cylinder"}  # a second or two each
 NAMED = [pytest.param(m, id=f"{m.family}: {m.structure}") for m in machines() if m.family in QUICK]
@@ -118,3 +124,12 @@ def test_a_failed_fit_is_not_recommended_while_another_has_not_failed() -> None:
     assert found is not None
     assert found.name == "b"
     assert _recommended([replace(failed, bic_difference=None)]) is None
+
+
+def test_held_out_logs_that_disagree_with_the_criterion_are_a_rival() -> None:
+    best = StructureFit("plain", {}, {}, 4, 99.4, 98.6, 0.307, "warn", 0.0)
+    better = replace(best, name="dead time", held_out_rmse=0.226, bic_difference=910.0)
+    alike = replace(better, name="alike", held_out_rmse=0.300)
+    assert _rival([best, better], best) is better
+    assert _rival([best, alike], best) is None
+    assert _rival([best, replace(better, verdict="fail")], best) is None

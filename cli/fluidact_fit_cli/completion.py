@@ -164,4 +164,6 @@ def _headers(ctx: click.Context) -> list[str]:
     from fluidact_fit.logs import read_log
 
     logs = ctx.params.get("logs") or ()
-    return [column.name for column in read_log(logs[0]).columns if column.name] if logs else []
+    if not logs or not os.path.isfile(logs[0]):  # not standard input, which would wait
+        return []
+    return [column.name for column in read_log(logs[0]).columns if column.name]

@@ -10,6 +10,7 @@ import click
 
 from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError, closest
 
+from .errors import Invocation
 from .parse import (
     Parsed,
     assigned,
@@ -220,6 +221,24 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     others = dict.fromkeys(p for name in _LOGS for p in _listed(params.get(name)))
     beside = [path for path in others if path not in paths]
     return open_logs(paths, beside=beside, **reading(params))
+
+
+def typed_words(invocation: Invocation, command: str, dropped: Mapping[str, bool]) -> list[str]:
+    """Words that were typed behind a command, without some of its options.
+
+    ``dropped`` are those, and whether a value follows them.
+    """
+    given = list(invocation.args)
+    given = given[given.index(command) + 1 :]
+    kept = []
+    while given:
+        word = given.pop(0)
+        option, equals, _ = word.partition("=")
+        if option not in dropped:
+            kept.append(word)
+        elif dropped[option] and not equals:
+            del given[:1]
+    return kept
 
 
 def reading(params: Mapping[str, Any]) -> dict[str, Any]:

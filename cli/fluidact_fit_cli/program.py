@@ -79,6 +79,12 @@ class Program(click.Group):
         name = args[0]
         if name in self.list_commands(ctx) or name.startswith("-"):
             return super().resolve_command(ctx, args)
+        if os.path.exists(name):
+            raise click.UsageError(
+                f"{name} is a file, and a command comes first.\n"
+                f"`fluidact-fit inspect {name}` shows its content, `fluidact-fit fit {name}` fits it.",
+                ctx,
+            )
         close = closest(name, self.list_commands(ctx))
         hint = f" Did you mean {close!r}?" if close else ""
         known = ", ".join(self.list_commands(ctx))
@@ -115,18 +121,25 @@ click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(
 
 def run(args: Sequence[str]) -> int:
     """Run the program with the words after its name and return its exit status."""
-    if shell := os.environ.get("_FLUIDACT_FIT_COMPLETE"):
-        from .completion import complete
-
-        complete(program, shell)
-        return 0
     invocation = Invocation(tuple(args))
+    if shell := os.environ.get("_FLUIDACT_FIT_COMPLETE"):
+        return run_guarded(lambda: _complete(shell), invocation)
     return run_guarded(lambda: _run(args, invocation), invocation)
+
+
+def _complete(shell: str) -> None:
+    from .completion import complete
+
+    complete(program, shell)
 
 
 def _run(args: Sequence[str], invocation: Invocation) -> int | None:
     if any("\0" in word for word in args):  # from Python: the system passes none on
         raise UsageError("a word of the command holds a NUL.", remedy="Leave it out.")
+    if not args:
+        with click.Context(program, info_name="fluidact-fit") as ctx:
+            click.echo(program.get_help(ctx), err=True)
+        return 2
     status: int | None = program.main(
         list(args), prog_name="fluidact-fit", standalone_mode=False, obj=invocation
     )

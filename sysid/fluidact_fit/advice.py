@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from .assessment import direction, leads
+from .assessment import direction, leads, policy
 from .channels import factor_between
 from .errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from .estimation.inputs import settle_holds
@@ -156,6 +156,7 @@ def suggest(
     only: str | None = None,
     *,
     trial: bool = True,
+    words: Sequence[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> list[Suggestion]:
     """Return the families that fit some logs of one machine, the best first.
@@ -170,10 +171,14 @@ def suggest(
         Judge this family alone.
     trial
         Fit the likeliest ones.
+    words
+        Logs and options of reading as they were typed, for the commands; without them those of the
+        first log.
     progress
         Called with what is being done.
     """
     names = [only] if only else family_names()
+    typed = [*paths, *_given(logs[0])] if words is None else list(words)
     time = time_candidate(logs[0])
     signals = [c for c in logs[0].columns
                if (time is None or c.index != time.column.index) and _varies(c)]  # fmt: skip
@@ -182,7 +187,7 @@ def suggest(
     if not found:
         guessed = [*_lacking_one(names, logs[0], signals, timed),
                    *_by_order(names, logs[0], signals, timed)]  # fmt: skip
-        return [_with_command(s, logs[0], paths) for s in guessed[:_TRIED]]
+        return [_with_command(s, logs[0], typed) for s in guessed[:_TRIED]]
     found.sort(key=lambda s: -s.score)
     shortlist = [s for s in found if s.score >= _SHORTLIST * found[0].score][:_TRIED]
     rows = sum(log.rows for log in logs)
@@ -191,12 +196,14 @@ def suggest(
         tried = [replace(s, reason=words) for s in shortlist]
     else:
         tried = [_tried(s, logs, progress) if trial else s for s in shortlist]
-    return [_with_command(s, logs[0], paths) for s in _ordered(tried)]
+    return [_with_command(s, logs[0], typed) for s in _ordered(tried)]
 
 
 def is_clear(found: Sequence[Suggestion]) -> bool:
     """Return whether the first suggestion is the one, without a question left."""
     if not found or found[0].verdict not in ("pass", "warn") or found[0].unsure:
+        return False
+    if (found[0].fit_percent or 100.0) < policy.FIT_WEAK:
         return False
     rivals = [s for s in found[1:] if s.verdict == found[0].verdict]
     best = found[0].rank[1]
@@ -519,8 +526,8 @@ def _given(log: Log) -> list[str]:
     return [*out, "--invalid", log.invalid] if log.invalid is not None else out
 
 
-def _with_command(s: Suggestion, log: Log, paths: Sequence[str]) -> Suggestion:
+def _with_command(s: Suggestion, log: Log, typed: Sequence[str]) -> Suggestion:
     asked = [word for option in s.asked for word in option.split()]
-    words = ["fluidact-fit", s.family, *paths, *_given(log), *column_options(s, log), *asked,
+    words = ["fluidact-fit", s.family, *typed, *column_options(s, log), *asked,
              "-o", f"{s.family}.yaml"]  # fmt: skip
     return replace(s, command=shell_command(words), powershell=powershell_command(words))

@@ -38,6 +38,7 @@ _CHANCE = 5.0  # standard deviations of a correlation by chance
 _FURTHEST = 0.1  # of a record, up to which lags are looked for
 _COPY = 1e-5  # of its range, within which a channel is computed from another one
 _FEWEST = 50  # samples that can tell so
+_SQUARED = 1e150  # beyond it squares overflow; a logger's sign for no number
 _AGREES = 0.9  # of the largest correlation, from which on a shorter lag is the lag
 _FOLLOWS = 0.3  # correlation from which on two channels are worth a line
 
@@ -271,7 +272,7 @@ def relate(columns: Sequence[Column]) -> list[Relation]:
 
 def _relations(columns: Sequence[Column]) -> Iterator[Relation]:
     for one, other in combinations(columns, 2):
-        known = np.isfinite(one.values) & np.isfinite(other.values)
+        known = np.maximum(np.abs(one.values), np.abs(other.values)) < _SQUARED  # not NaN either
         a, b = one.values[known], other.values[known]
         if a.size < _FEWEST:
             continue

@@ -180,7 +180,10 @@ def check(
         When there is nothing to compare.
     """
     document = document_of(params, get_family)
-    return check_logs(document, open_logs(logs, **reading), progress=progress)
+    opened = open_logs(logs, **reading)
+    if not opened:
+        raise UsageError("no log was given.", expected="Expected one log or more.")
+    return check_logs(document, opened, progress=progress)
 
 
 def check_logs(

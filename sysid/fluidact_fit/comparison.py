@@ -85,7 +85,7 @@ class Together:
         if self.shared_logs:
             text += (
                 f"; both were fitted to {', '.join(self.shared_logs)}: their errors are the same "
-                "in part, so that the differences have smaller ones than it says here"
+                "in part, so the differences are more certain than shown"
             )
         return text
 
@@ -180,6 +180,11 @@ def compare(
     names = [_name(item, k) for k, item in enumerate(given, 1)]
     if True not in kinds:
         return compare_recordings(list(zip(names, open_logs(list(given), **reading))))
+    if unknown := next((name for name in reading if name not in Reading.__annotations__), None):
+        raise UsageError(
+            f"compare has no keyword '{unknown}'.",
+            expected=f"Expected one of {', '.join(Reading.__annotations__)}.",
+        )
     if said := next((name for name, value in reading.items() if value), None):
         option = f"--{_OPTIONS.get(said, said).replace('_', '-')}"
         raise UsageError(

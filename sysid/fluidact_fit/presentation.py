@@ -141,6 +141,11 @@ class Presented:
                 f"this {document.family} has no covariance to draw from.",
                 expected="Expected parameters that were estimated with their uncertainty.",
             )
+        if n < 1 or chains < 1 or (seed is not None and seed < 0):
+            raise UsageError(
+                f"draws({n}, chains={chains}, seed={seed}) cannot be.",
+                expected="Expected numbers of 1 or more, and a seed of 0 or more.",
+            )
         rng = np.random.default_rng(seed)
         values = draw_values(document, self.variant, rng, chains * n).reshape(chains, n, -1)
         arrays: dict[str, Any] = {}

@@ -42,6 +42,7 @@ from .outcome import Simulation, agreement
 from .result import FitResult
 
 EVIDENCE = 6.0  # difference of the BIC that an additional parameter has to be worth
+_CLEARLY = 1.1  # ratio of the errors on held-out logs, from which on the criterion is doubted
 _NO_WORSE = 1.01  # ratio of the errors on held-out logs, up to which they are alike
 _MOVES = 2.0  # standard errors by which a parameter has to differ to be listed
 _GROUPS = 4  # most fits without some of the logs
@@ -122,7 +123,10 @@ class StructureComparison:
     structures
         One entry each, those included that were refused.
     recommended
-        Name of the one to use; ``None`` where all were refused.
+        Name of the one to use; ``None`` where all were refused, or the criterion and the held-out
+        logs disagree.
+    preferred
+        Where they disagree: the structure by the criterion, and that by the held-out logs.
     held_out
         How the held-out data were chosen, a clause; empty where there were none.
     samples
@@ -134,6 +138,7 @@ class StructureComparison:
     recommended: str | None
     held_out: str
     samples: int
+    preferred: tuple[str, ...] = ()
 
     @property
     def best(self) -> StructureFit | None:
@@ -204,6 +209,9 @@ def compare_structures(
     if best is None:
         return StructureComparison(family, tuple(fits), None, words, samples)
     fits = _with_moves(fits, whole, fits.index(best))
+    if (rival := _rival(fits, best)) is not None:
+        names = (best.name, rival.name)
+        return StructureComparison(family, tuple(fits), None, words, samples, names)
     return StructureComparison(family, tuple(fits), best.name, words, samples)
 
 
@@ -373,6 +381,15 @@ def _recommended(fits: Sequence[StructureFit]) -> StructureFit | None:
         if best is None or _is_better(one, best):
             best = one
     return best
+
+
+def _rival(fits: Sequence[StructureFit], best: StructureFit) -> StructureFit | None:
+    """Return a structure that predicts the held-out logs clearly better than the best one."""
+    known = [s for s in fits if s.held_out_rmse is not None and s.verdict != "fail"]
+    rival = min(known, key=lambda s: s.held_out_rmse or 0.0, default=None)
+    if rival is None or best.held_out_rmse is None:
+        return None
+    return rival if _CLEARLY * (rival.held_out_rmse or 0.0) < best.held_out_rmse else None
 
 
 def _is_better(one: StructureFit, best: StructureFit) -> bool:

@@ -335,3 +335,26 @@ def test_real_logs_of_either_pressure(here: Run, inside: Path) -> None:
     done = here("cylinder-friction", *sorted(SHARED.glob("p?_2V_s1.csv")), *friction)
     assert done.status == 3
     assert "pB_2V_s1.csv: there is no column 'pA_Pa' for the role 'pressure'" in done.err
+
+
+def test_fit_leaves_a_family_that_describes_poorly_to_people(here: Run, inside: Path) -> None:
+    rng = np.random.default_rng(3)
+    a = np.cumsum(rng.normal(size=400))
+    table = np.column_stack([a, 0.5 * a + rng.normal(0.0, 6.0, 400)])
+    np.savetxt(inside / "two.csv", table, delimiter=",", comments="",
+               header="Druck Ventil [bar],Druck Kammer [bar]")  # fmt: skip
+    done = here("fit", "two.csv", "-o", "two.yaml")
+    assert done.status == 2
+    assert "--sample-time SECONDS" in done.err
+    assert not (inside / "two.yaml").exists()
+
+
+def test_fit_refuses_an_existing_file_before_it_looks_for_a_family(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    valve()
+    (inside / "mine.yaml").write_text("mine")
+    done = here("fit", "valve.csv", "-o", "mine.yaml")
+    assert done.status == 2
+    assert "mine.yaml already exists" in done.err
+    assert "family-found" not in done.err

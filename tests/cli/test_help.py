@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -127,3 +128,18 @@ def test_schema_is_printed(here: Callable[..., Any]) -> None:
     from fluidact_fit.parameters import shipped_schema
 
     assert json.loads(here("schema").out) == shipped_schema()
+
+
+def test_without_a_word_there_is_help(here: Callable[..., Any]) -> None:
+    done = here()
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith("Usage: fluidact-fit ")
+    assert "completion" in done.err
+
+
+def test_a_log_in_place_of_a_command_is_told_what_to_do(
+    here: Callable[..., Any], tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t,x\n0,1\n")
+    assert f"fluidact-fit fit {log}`" in here(log).err

@@ -136,3 +136,18 @@ def test_invalid_cells_of_a_constant_channel_are_counted(here: Run, inside: Path
     rows = [f"{k},{'x' if k == 7 else 2.25}" for k in range(50)]
     (inside / "c.csv").write_text("\n".join(["time [s],p [bar]", *rows]))
     assert "always 2.25 bar; 1 invalid cell" in here("inspect", "c.csv").out
+
+
+def test_the_command_repeats_what_was_typed(here: Run, inside: Path) -> None:
+    for name in ("a", "b"):
+        (inside / f"{name}.csv").write_text(LINE.read_text(encoding="utf-8"), encoding="utf-8")
+    words = ("b.csv", "--exclude", "b.csv:time=0:2", "--decimal", ".", "a.csv")
+    done = here("inspect", "--no-trial", *words)
+    assert "fluidact-fit line b.csv --exclude b.csv:time=0:2 --decimal . a.csv --col" in done.out
+
+
+def test_a_second_picture_that_is_there_is_told_before_any_work(here: Run, inside: Path) -> None:
+    (inside / "p-responses.png").write_bytes(b"mine")
+    done = here("inspect", LINE, "--plot", "p.png")
+    assert (done.status, done.out) == (2, "")
+    assert (inside / "p-responses.png").read_bytes() == b"mine"

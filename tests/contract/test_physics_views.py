@@ -10,6 +10,7 @@ import pytest
 from dataset_fits import fit_dataset
 from fluidact_fit.families import family_names, get_family
 from fluidact_fit.family import Family
+from fluidact_fit.mechanics.local_motion import delayed
 from fluidact_fit.report.details import physics_view
 
 # family: largest typical distance of a point from the nearest curve, in ranges of the curves
@@ -65,3 +66,10 @@ def test_a_motor_shows_its_loop() -> None:
         level, falling.y[::-1], falling.x[::-1]
     )
     assert between == pytest.approx(width, rel=0.02)
+
+
+def test_a_delayed_input_is_drawn_when_it_acts() -> None:
+    time, values = 0.1 * np.arange(6), np.arange(6.0)
+    later = delayed(time, values, 0.25)
+    assert np.isnan(later[:3]).all()
+    assert later[3:].tolist() == [0.0, 1.0, 2.0]

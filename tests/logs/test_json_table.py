@@ -191,3 +191,9 @@ def test_it_is_fitted_as_the_table_is(tmp_path: Path) -> None:
     plain = ff.fit("line", [read_log(source, columns=columns)])
     for name, value in plain.parameters.items():
         assert found.parameters[name].value == pytest.approx(value.value, rel=1e-9)
+
+
+def test_half_a_character_is_no_fault_of_the_program(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text('{"t": ["\\ud800", 1], "y": [1, 2]}', encoding="ascii")
+    assert read_log(path).columns[1].values.tolist() == [1.0, 2.0]

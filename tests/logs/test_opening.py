@@ -53,3 +53,21 @@ def test_a_name_of_no_log_is_refused(logs: list[Path]) -> None:
 def test_what_is_not_understood_is_refused_by_its_keyword(logs: list[Path]) -> None:
     with pytest.raises(UsageError, match=r"exclude_rows='x'.*\nExpected \[LOG:\]7"):
         open_logs(logs, exclude_rows="x")
+
+
+@pytest.mark.parametrize("given", [["a*:y=25 %", "y=2"], ["y=2", "a*:y=25 %"]])
+def test_what_is_said_of_some_logs_goes_before_what_is_said_of_all(
+    logs: list[Path], given: list[str]
+) -> None:
+    opened = open_logs(logs, set=given)
+    assert [log.steps["y"].start for log in opened] == [25.0, 25.0, 2.0]
+
+
+def test_a_name_with_brackets_means_itself(logs: list[Path]) -> None:
+    named = logs[0].rename(logs[0].with_name("v[1].csv"))
+    opened = open_logs([named, logs[1]], exclude_rows="v[1].csv:1:4")
+    assert [log.rows for log in opened] == [16, 20]
+
+
+def test_one_row_may_be_a_number(logs: list[Path]) -> None:
+    assert open_logs(logs[0], exclude_rows=7)[0].rows == 19

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fluidact_fit.structures import StructureComparison, StructureFit
 
 # Words of this command that a fit does not have.
-_FLAGS = ("--json", "--quiet", "-q", "--verbose", "-v", "--debug")
+_FLAGS = dict.fromkeys(("--json", "--quiet", "-q", "--verbose", "-v", "--debug"), False)
 
 
 def family_params(family: Family[FamilyOptions]) -> list[click.Parameter]:
@@ -53,34 +53,30 @@ def run(
             bounds=params["bounds"], noise=params["noise"], progress=progress,
             **chosen_options(params),
         )  # fmt: skip
-    words = invocation.args if invocation else ("compare", "--structures", name, *files)
-    command = next_command(found, words)
+    invocation = invocation or Invocation(("compare", "--structures", name, *files))
+    command = next_command(found, invocation, params["fix"])
     if as_json:
         echo_json({**found.to_dict(), "command": command})
     elif not params["quiet"]:
         _show(found, command)
 
 
-def next_command(found: StructureComparison, words: Sequence[str]) -> str:
-    """The fit of the recommended structure, as a shell takes it; empty where there is none."""
+def next_command(
+    found: StructureComparison, invocation: Invocation, fixed: Mapping[str, float]
+) -> str:
+    """The fit of the recommended structure, as a shell takes it; empty where there is none.
+
+    What the user has ``fixed`` stands among the words already.
+    """
     from fluidact_fit.files import shell_command
 
     if found.best is None:
         return ""
-    given = list(words)[list(words).index("compare") + 1 :]
-    kept, chosen = [], [o for o, _ in found.best.settings]
-    while given:
-        word = given.pop(0)
-        option = word.partition("=")[0]
-        if word in _FLAGS:
-            continue
-        if option == "--structures" or option in chosen:
-            given = given if "=" in word else given[1:]
-            continue
-        kept.append(word)
+    chosen = dict.fromkeys(("--structures", *(o for o, _ in found.best.settings)), True)
+    kept = options.typed_words(invocation, "compare", {**_FLAGS, **chosen})
     selected = [w for setting in found.best.settings for w in setting]
-    held = [w for name, value in found.best.fixed.items() for w in ("--fix", f"{name}={value:g}")
-            if f"{name}={value:g}" not in kept]  # fmt: skip
+    held = [w for name, value in found.best.fixed.items() if name not in fixed
+            for w in ("--fix", f"{name}={value!r}")]  # fmt: skip
     return shell_command(["fluidact-fit", found.family, *kept, *selected, *held,
                           "-o", f"{found.family}.yaml"])  # fmt: skip
 
@@ -91,8 +87,8 @@ def _show(found: StructureComparison, command: str) -> None:
     for one in found.structures:
         if one.reason:
             echo_text(f"{one.name}: {one.reason}")
-    best = found.best
-    if best is None:
+    reference = found.recommended or next(iter(found.preferred), None)
+    if reference is None:
         echo("\nall structures were refused")
         return
     echo()
@@ -104,15 +100,24 @@ def _show(found: StructureComparison, command: str) -> None:
     moved = [(one, m) for one in found.structures for m in one.moved]
     if moved:
         echo()
-        head = ["structure", "parameter", "value", "recommended", "unit", "std errors"]
+        head = ["structure", "parameter", "value", "reference", "unit", "std errors"]
         rows = [
             [one.name, m.name, format_number(m.value, m.std_error),
              format_number(m.recommended, m.std_error), m.unit, f"{m.deviation:+.1f}"]
             for one, m in moved
         ]  # fmt: skip
         echo_table([head, *rows], right=(2, 3, 5))
-        echo_text(f"listed are differences of more than 2 standard errors from '{best.name}'")
-    echo(f"\nrecommended: {best.name}\n  {command}")
+        echo_text(f"listed are differences of more than 2 standard errors from '{reference}'")
+    echo()
+    if found.recommended is None:
+        by_criterion, by_held_out = found.preferred
+        echo_text(
+            f"no recommendation: the criterion is lowest for '{by_criterion}', but '{by_held_out}' "
+            "predicts the held-out logs better. Something lasts in the residuals that none of them "
+            "describes: fit both, look at the pictures (--plot) and at the warnings."
+        )
+        return
+    echo(f"recommended: {found.recommended}\n  {command}")
 
 
 def _row(one: StructureFit) -> list[str]:

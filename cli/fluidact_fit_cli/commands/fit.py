@@ -14,12 +14,15 @@ from fluidact_fit.errors import UsageError
 from .. import options
 from ..errors import Invocation
 from ..messages import tell_message
+from ..outputs import check_targets
 from ..progress import Progress
-from .fit_family import make_command, output_options
+from .fit_family import make_command, output_options, targets_of
 from .inspect import show_advice
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
+
+_OUTPUT = {"--output": True, "-o": True, "--debug": False}
 
 
 @click.command(
@@ -41,17 +44,23 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
     fitted, and the commands are listed. `inspect` shows the choice alone.
     """
     from fluidact_fit.advice import column_options, is_clear, suggest
+    from fluidact_fit.files import shell_command
 
     invocation = ctx.find_object(Invocation) or Invocation(("fit", *logs))
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         read = options.read_logs(logs, params)
-        found = suggest(read, logs, progress=progress)
+        targets = targets_of("", params)
+        if params["output"] is None:
+            targets.pop("-o", None)  # named like the family
+        check_targets(targets, logs, params["force"])
+        typed = options.typed_words(invocation, "fit", _OUTPUT)
+        found = suggest(read, logs, words=typed, progress=progress)
     chosen = found[0] if is_clear(found) else _ask(found)
     words = [w for w in invocation.args if w != "--debug"]
     words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read[0])]
     if not params["quiet"]:
-        tell_message("note", chosen.command, "family-found")
+        tell_message("note", shell_command(["fluidact-fit", *words]), "family-found")
     family = make_command(chosen.family)
     family.main(words[1:], prog_name=f"fluidact-fit {chosen.family}", standalone_mode=False,
                 obj=Invocation(tuple(words), invocation.read, invocation.written))  # fmt: skip
@@ -70,11 +79,14 @@ def _ask(found: Sequence[Suggestion]) -> Suggestion:
             "columns.",
         )  # fmt: skip
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
+        poor = len(able) == 1 and not able[0].unsure
         raise UsageError(
-            "more than one reading of these logs is possible.",
+            "the only family that can be tried describes these logs poorly." if poor
+            else "these logs can be read in more than one way.",
             expected="\n".join(f"  {s.command}" for s in able),
-            remedy="Run the one that is meant.",
-        )
+            remedy="Run it if it is meant; --sample-time SECONDS lets families in time be tried "
+            "where the log has no time." if poor else "Run the intended command.",
+        )  # fmt: skip
     show_advice(able)
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip

@@ -16,6 +16,7 @@ from fluidact_fit.families import family_names, get_family
 
 from .. import options
 from ..channel_lines import echo_channels, echo_relations, text_width, troubles
+from ..errors import Invocation
 from ..messages import echo_notices
 from ..outputs import check_targets, write_all
 from ..progress import Progress
@@ -25,6 +26,12 @@ if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
     from fluidact_fit.logs import Log
 
+# Options of this command that a fit does not have, and whether a value follows them.
+_NO_FIT = {
+    **dict.fromkeys(("--family", "--plot"), True),
+    **dict.fromkeys(("--trial", "--no-trial", "--json", "--force", "-f", "--quiet", "-q",
+                     "--verbose", "-v", "--debug"), False),
+}  # fmt: skip
 _LISTED = 8  # lines that were left out, one by one
 _RELATED = 8  # columns of which each two are compared
 _BESIDE = 45  # characters of a table before its last column
@@ -68,8 +75,13 @@ def command(
     if family is not None:
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
+    invocation = click.get_current_context().find_object(Invocation)
+    words = options.typed_words(invocation, "inspect", _NO_FIT) if invocation else None
     if plot is not None:
-        check_targets({"--plot": plot}, logs, force, also=(".html", ".htm"))
+        paths = {"--plot": plot}
+        if Path(plot).suffix.lower() not in (".html", ".htm"):
+            paths["--plot (responses)"] = str(_beside(Path(plot)))
+        check_targets(paths, logs, force, also=(".html", ".htm"))
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         read = options.read_logs(logs, params)
@@ -85,7 +97,7 @@ def command(
             _show_briefly(other)
         echo_notices(Notice(n["code"], n["message"]) for e in every for n in e["notices"])
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
-        advice = suggest(read, logs, family, trial=trial, progress=progress)
+        advice = suggest(read, logs, family, trial=trial, words=words, progress=progress)
     if as_json:
         listed = {"suggestions": [s.as_dict() for s in advice]}
         echo_json({**every[0], **listed} if len(every) == 1 else {"logs": every, **listed})

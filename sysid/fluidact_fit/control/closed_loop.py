@@ -52,7 +52,7 @@ class ClosedLoop:
     plant, controller
         As the parameter files describe them.
     nominal
-        LoopResponse of that plant.
+        Response of that plant.
     drawn
         Responses of the drawn plants; those that ran away or hit a limit are ``failed``.
     step

@@ -142,16 +142,18 @@ class _Topic:
 def _topics(bag: Any, sink: Sink, ending: str) -> list[_Topic]:
     """The topics of a bag with all that their messages hold."""
     store = _Definitions(ending)
-    wanted = {}
+    wanted: dict[str, _Topic] = {}
+    chosen = []  # publishers of one topic may disagree on what a message is
     for connection in bag.connections:
-        if connection.topic in _OF_THE_SYSTEM:
-            sink.leave(connection.topic, "messages of the system", signal=False)
+        topic = connection.topic
+        if topic in _OF_THE_SYSTEM:
+            sink.leave(topic, "messages of the system", signal=False)
         elif why := store.register(connection):
-            sink.leave(connection.topic, why)
+            sink.leave(f"{topic} ({connection.msgtype}, publisher {connection.id})", why)
         else:
-            wanted[connection.topic] = _Topic(connection.topic, connection.msgtype)
+            wanted.setdefault(topic, _Topic(topic, connection.msgtype))
+            chosen.append(connection)
     refused: set[str] = set()
-    chosen = [c for c in bag.connections if c.topic in wanted]
     for connection, logged, raw in bag.messages(connections=chosen) if chosen else ():
         name = connection.topic
         if name in refused:
@@ -219,12 +221,14 @@ class _Definitions:
 def _require_plain(types: Mapping[str, Any]) -> None:
     """Refuse definitions whose names, constants or sizes are none, as they become code."""
     for kind, (constants, fields) in types.items():
+        if "/" not in kind:  # it could hide a name of the code that is made
+            raise ValueError("a type has no package")
         names = [kind, *(c[0] for c in constants), *(f[0] for f in fields)]
         for _, (_, what) in fields:
             inner, size = what if isinstance(what, tuple) else (what, 0)
             if isinstance(inner, tuple):  # the elements of an array
                 inner = inner[1] if isinstance(inner[1], str) else inner[1][0]
-            if size > _LONGEST:
+            if not 0 <= size <= _LONGEST:
                 raise ValueError(f"an array of {size} elements")
             names.append(inner)
         if not all(map(_NAME.fullmatch, names)):
@@ -240,7 +244,7 @@ def _leaves(
     fields = vars(message)
     names = _names_in(fields) or names
     for key, value in fields.items():
-        if key.startswith("__") or key == "structure_needs_at_least_one_member":
+        if key in vars(type(message)):  # a constant, or what the library adds
             continue
         plain = key.removesuffix("_") if keyword.iskeyword(key.removesuffix("_")) else key
         unit = _UNITS.get((message.__msgtype__, plain))

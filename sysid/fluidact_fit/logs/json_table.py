@@ -448,7 +448,7 @@ def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
         skipped={table.cut: "cut short"} if table.cut else {},
         notices=tuple(notices),
     )
-    return replace(source, data=text.encode()), layout
+    return replace(source, data=text.encode(errors="replace")), layout
 
 
 def _cell(value: Any, column: str, number: int, source: Source) -> str:

@@ -105,16 +105,17 @@ def open_logs(
     exclude = _by_log("--exclude", _numbered(texts["exclude"], _RUNS, "run"), known)
     exclude += _by_log("--exclude-rows", _numbered(texts["exclude_rows"], _ROWS, "rows"), known)
     constants = _by_log("--set", texts["set"], known)
+    constants.sort(key=lambda entry: entry[0] != "*")  # one for some logs overrides one for all
     parts_of_keys = ((key, *split_part(key)[:2], step) for key, step in steps.items())
     stepped = [(_matching("--step", key, p, known), r, s) for key, p, r, s in parts_of_keys]
-    stepped.sort(key=lambda entry: entry[0] != "*")  # that of some logs goes before that of all
+    stepped.sort(key=lambda entry: entry[0] != "*")
     opened = []
     for log, names in zip(each, known):
-        values = {role: value for p, role, value in constants if filter_names(names, p)}
-        parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
+        values = {role: value for p, role, value in constants if _matches(names, p)}
+        parts = [f"{kind}={what}" for p, kind, what in exclude if _matches(names, p)]
         own = {**said, "exclude": parts} if parts else dict(said)
         if stepped:
-            own["steps"] = {r: s for p, r, s in stepped if filter_names(names, p)}
+            own["steps"] = {r: s for p, r, s in stepped if _matches(names, p)}
         if values:
             own["constants"] = {**said.get("constants", {}), **values}
         opened.append(_opened(log, own, once))
@@ -163,11 +164,11 @@ def _refuse_own_file(log: LogLike) -> None:
             )
 
 
-def _texts(given: Mapping[str, str] | Sequence[str] | str | None) -> list[str]:
+def _texts(given: Mapping[str, str] | Sequence[str | int] | str | int | None) -> list[str]:
     """Return the given texts: entries of a mapping as ``KEY=VALUE``."""
     if isinstance(given, Mapping):
         return [f"{key}={value}" for key, value in given.items()]
-    return [given] if isinstance(given, str) else list(given or ())
+    return [str(given)] if isinstance(given, str | int) else [str(part) for part in given or ()]
 
 
 def _names(log: LogLike) -> list[str]:
@@ -176,6 +177,11 @@ def _names(log: LogLike) -> list[str]:
         return [log.name if isinstance(log, Log) else "data"]
     files = [file.name for file in files_of(Path(log))]
     return files if len(files) == 1 else ["+".join(files), *files]
+
+
+def _matches(names: Sequence[str], pattern: str) -> bool:
+    """Return whether a pattern means a log; a name may hold brackets, and is its own pattern."""
+    return pattern in names or bool(filter_names(names, pattern))
 
 
 def _numbered(given: Iterable[str], form: str, kind: str) -> list[str]:
@@ -210,7 +216,7 @@ def _by_log(
 
 def _matching(option: str, text: str, pattern: str | None, logs: Sequence[Sequence[str]]) -> str:
     """Return the pattern of the logs that an option concerns, ``*`` for all; some has to match."""
-    if pattern is not None and not any(filter_names(n, pattern) for n in logs):
+    if pattern is not None and not any(_matches(n, pattern) for n in logs):
         raise UsageError(
             f"{option} {text!r} names a log that is not given.",
             expected=f"The logs are: {', '.join(names[0] for names in logs)}.",

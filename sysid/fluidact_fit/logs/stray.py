@@ -27,12 +27,13 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
     lines
         All above the table.
     known
-        Those that are known to look like rows.
+        Those that are known to look like rows. A date alone is none.
     """
-    found = set(known)
+    dates = {i for i, line in enumerate(lines) if is_stamp(line.strip(" \t;,"))}
+    found = set(known) - dates
     if header.row is not None and _is_odd(header, lines, cut):
         found |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
-    rest = set(range(len(lines))) - {header.row, header.units_row}
+    rest = set(range(len(lines))) - {header.row, header.units_row} - dates
     found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
     found |= {
         i

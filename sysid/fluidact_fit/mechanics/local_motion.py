@@ -9,6 +9,12 @@ from ..experiment import FloatArray
 _HALVES = (2, 3, 5, 8, 12, 20, 30, 50)  # samples on either side
 
 
+def delayed(time: FloatArray, values: FloatArray, dead_time: float) -> FloatArray:
+    """Return what held values were a dead time [s] ago, shape ``(n,)``; NaN before the first."""
+    before = np.searchsorted(time, time - dead_time, "right") - 1
+    return np.where(before < 0, np.nan, values[np.maximum(before, 0)])
+
+
 def local_motion(
     time: FloatArray, position: FloatArray, noise: float, speed: float, acceleration: float = np.inf
 ) -> tuple[FloatArray, FloatArray]:

@@ -34,6 +34,7 @@ from ...family import (
     Variant,
     make_solution,
 )
+from ...mechanics.local_motion import delayed
 from ...specification import quotient_unit
 from .block import MotorBlock, MotorCurve
 from .command import command_noise, held_levels
@@ -288,9 +289,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             return None
         v, commands, speeds = plant.numbers, [], []
         for e, s in zip(experiments, simulated, strict=True):
-            late = e.time - v.get("dead_time", 0.0)
-            command, source = e.sampled("command"), np.searchsorted(e.time, late, "right") - 1
-            commands.append(np.where(source < 0, np.nan, command[np.maximum(source, 0)]))
+            commands.append(delayed(e.time, e.sampled("command"), v.get("dead_time", 0.0)))
             rate = np.abs(np.gradient(s.output, e.time)) * v["time_constant"]
             settled = rate <= _SETTLED * float(np.ptp(s.output[np.isfinite(s.output)]))
             speeds.append(np.where(settled, e.sampled("speed") - (s.offset or 0.0), np.nan))

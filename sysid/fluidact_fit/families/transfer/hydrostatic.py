@@ -45,9 +45,10 @@ from ...family import (
     UnmodelledEffect,
     Variant,
 )
-from ...mechanics.local_motion import local_motion
+from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
 from ...rows import made, upper_quantile
+from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
 from .losses import other_losses
 from .model import Free, TransferModel
@@ -177,14 +178,14 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             noise = float(np.nanstd(position - s.output))
             fine = 0.05 * float(np.std(force)) / v["damping"]
             speeds.append(local_motion(e.time, position, noise, fine)[0])
-            forces.append(force)
+            forces.append(delayed(e.time, force, v.get("dead_time", 0.0)))
         x, units = np.concatenate(forces), experiments[0].units
         edges = v["dead_zone_negative"], v["dead_zone_positive"]
-        along = np.unique([*np.linspace(x.min(), x.max(), 200), *edges])
+        along = np.unique([*np.linspace(np.nanmin(x), np.nanmax(x), 200), *edges])
         beyond = np.maximum(along - edges[1], 0.0) + np.minimum(along - edges[0], 0.0)
         return PhysicsView(
             "Steady velocity over force, with the dead zone", "force", units["force"], "velocity",
-            f"{units['position']}/s", Curve("measured", x, np.concatenate(speeds)),
+            quotient_unit(units["position"], "s"), Curve("measured", x, np.concatenate(speeds)),
             [Curve("dead zone and damping", along, beyond / v["damping"])],
         )  # fmt: skip
 
