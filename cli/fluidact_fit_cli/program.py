@@ -82,7 +82,8 @@ class Program(click.Group):
         if os.path.exists(name):
             raise click.UsageError(
                 f"{name} is a file, and a command comes first.\n"
-                f"`fluidact-fit inspect {name}` shows its content, `fluidact-fit fit {name}` fits it.",
+                f"`fluidact-fit inspect {name}` shows its content, `fluidact-fit fit {name}` "
+                "fits it.",
                 ctx,
             )
         close = closest(name, self.list_commands(ctx))

@@ -143,16 +143,18 @@ def _topics(bag: Any, sink: Sink, ending: str) -> list[_Topic]:
     """The topics of a bag with all that their messages hold."""
     store = _Definitions(ending)
     wanted: dict[str, _Topic] = {}
-    chosen = []  # publishers of one topic may disagree on what a message is
+    chosen, unread = [], []  # publishers of one topic may disagree on what a message is
     for connection in bag.connections:
         topic = connection.topic
         if topic in _OF_THE_SYSTEM:
             sink.leave(topic, "messages of the system", signal=False)
         elif why := store.register(connection):
-            sink.leave(f"{topic} ({connection.msgtype}, publisher {connection.id})", why)
+            unread.append((topic, f"{topic} (publisher {connection.id})", why))
         else:
             wanted.setdefault(topic, _Topic(topic, connection.msgtype))
             chosen.append(connection)
+    for topic, publisher, why in unread:
+        sink.leave(publisher if topic in wanted else topic, why)
     refused: set[str] = set()
     for connection, logged, raw in bag.messages(connections=chosen) if chosen else ():
         name = connection.topic
