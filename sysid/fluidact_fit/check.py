@@ -100,6 +100,9 @@ class Check:
         parts += ["\n".join(self._said())] if self._said() else []
         return "\n\n".join(parts)
 
+    def __str__(self) -> str:
+        return self.summary()
+
     def _repr_html_(self) -> str:
         """The same for notebooks."""
         tables = [self.log_table(), *([self.table()] if self.drifts else [])]

@@ -128,6 +128,9 @@ class Comparison:
         """Return the table, and what all parameters say together, as text."""
         return "\n".join([repr(self.table()), "", *self.conclusions])
 
+    def __str__(self) -> str:
+        return self.summary()
+
     def _repr_html_(self) -> str:
         """The same for notebooks."""
         said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
@@ -349,6 +352,9 @@ class Recordings:
     def summary(self) -> str:
         """Return the table, and where the logs differ, as text."""
         return "\n".join([repr(self.table()), "", *self.conclusions])
+
+    def __str__(self) -> str:
+        return self.summary()
 
     def _repr_html_(self) -> str:
         """The same for notebooks."""

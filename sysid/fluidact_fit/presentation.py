@@ -175,6 +175,9 @@ class Presented:
         lines += [f"{word} ({code}): {text}" for word, code, text in _notices(self.document)]
         return "\n".join(lines)
 
+    def __str__(self) -> str:
+        return self.summary()
+
     def _repr_html_(self) -> str:
         """The same for notebooks."""
         verdict = str(self.document.fit.verdict)

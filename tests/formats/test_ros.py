@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rosbags import rosbag1
 
 import fluidact_fit as ff
 from bags import (
@@ -247,3 +249,30 @@ def test_a_fit_of_a_bag_is_that_of_the_csv(tmp_path: Path) -> None:
         assert result.parameters[name].value == pytest.approx(parameter.value, rel=1e-9)
     (source,) = result.document.provenance.logs
     assert source.details == {"format": "ROS 2 bag (MCAP)"}
+
+
+def test_publishers_that_disagree_on_a_message_are_not_mixed(tmp_path: Path) -> None:
+    path = tmp_path / "two.bag"
+    with rosbag1.Writer(path) as writer:
+        orders = [
+            writer.add_connection("/x", "p/msg/A", msgdef=text, md5sum=sign * 32, callerid=sign)
+            for sign, text in (("a", "float64 a\nfloat64 b\n"), ("b", "float64 b\nfloat64 a\n"))
+        ]
+        for k in range(20):
+            writer.write(orders[0], 10 * k * MS, struct.pack("<dd", k, 100.0))
+            writer.write(orders[1], (10 * k + 5) * MS, struct.pack("<dd", 100.0, k))
+    log = read_log(path)
+    named = {c.header: c.values for c in log.columns}
+    assert named["/x/a"].tolist() == list(range(20))
+    assert named["/x/b"].tolist() == [100.0] * 20
+    assert any("cannot be used" in how for how in fates(log).values())
+
+
+def test_constants_of_a_definition_are_no_channels(tmp_path: Path) -> None:
+    kind = "sensor_msgs/msg/Range"
+    make = ROS2.make
+    rows = [("/range", kind, t, make(kind, ROS2.header(t), 0, 0.1, 0.1, 2.0, float(x)))
+            for t, x in zip(INSTANTS, T)]  # fmt: skip
+    headers = [c.header for c in read(tmp_path, rows).columns]
+    assert "/range/range" in headers
+    assert not [h for h in headers if h.endswith(("ULTRASOUND", "INFRARED"))]
