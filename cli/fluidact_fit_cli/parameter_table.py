@@ -130,7 +130,7 @@ def _joined(parts: Sequence[str]) -> str:
 
 
 def _percent(fit: Mapping[str, Any]) -> str:
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     percent = fit.get("fit_percent")
     return "" if percent is None else f"fit {percent_text(percent)}"

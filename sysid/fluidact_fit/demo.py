@@ -17,8 +17,8 @@ from .families import family_names, get_family
 from .family import Plant
 from .fitting import fit
 from .logs import Log, read_log
-from .outcome import percent_text
 from .result import FitResult
+from .tables import percent_text
 from .units import after_number
 
 ALLOWED = 4.0  # standard errors between estimate and truth

@@ -15,7 +15,6 @@ from .family import FamilyOptions, Quantity, Simulated, Solution, StaticView, Va
 from .parameters.document import ParameterDocument
 from .presentation import Presented
 from .rows import blocks, by_rows
-from .tables import percent_text as percent_text
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
 
 def _show(found: Check) -> None:
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     head = ["log", "fit", "rmse", "limit", "unit", ""]
     rows = [
@@ -77,7 +77,7 @@ def _show(found: Check) -> None:
 
 
 def _drift_row(drift: Drift) -> list[str]:
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     return [
         drift.name,

@@ -121,7 +121,7 @@ def _show(found: StructureComparison, command: str) -> None:
 
 
 def _row(one: StructureFit) -> list[str]:
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     if one.bic_difference is None:
         return [one.name, "-", "-", "-", "REFUSED", "-"]

@@ -187,7 +187,7 @@ def show_advice(advice: Sequence[Suggestion]) -> None:
 
 def _show_families(advice: Sequence[Suggestion]) -> None:
     """A table of the families; their columns below them where the terminal is narrow."""
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     rows = [
         [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),

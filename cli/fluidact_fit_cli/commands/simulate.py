@@ -116,7 +116,7 @@ def command(
 
 def _show(runs: Sequence[Simulation], unit: str, output: str | None) -> None:
     """Agreement with each log, on standard error: the table may stand on standard output."""
-    from fluidact_fit.outcome import percent_text
+    from fluidact_fit.tables import percent_text
 
     for run in runs:
         if run.agreement.samples:

@@ -8,7 +8,8 @@ from ..errors import Notice
 from ..estimation.uncertainty import Whiteness, whiteness
 from ..experiment import all_of, where_finite
 from ..notices import is_information
-from ..outcome import Agreement, Simulation, percent_text
+from ..outcome import Agreement, Simulation
+from ..tables import percent_text
 from . import policy
 from .refusal_causes import Cause
 

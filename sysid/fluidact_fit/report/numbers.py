@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
 
 import numpy as np
 
-from ..outcome import percent_text
+from ..tables import percent_text
+from ..units import display_unit
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-# SI unit: (smallest typical size, factor, name), the largest that fits first
-_SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
-    "s": ((0.5, 1.0, "s"), (0.0, 1e3, "ms")),
-    "m": ((1.5, 1.0, "m"), (5e-5, 1e3, "mm"), (0.0, 1e6, "µm")),
-    "m/s": ((1.5, 1.0, "m/s"), (0.0, 1e3, "mm/s")),
-    "rad": ((0.1, 1.0, "rad"), (0.0, 1e3, "mrad")),
-    "Pa": ((5e3, 1e-5, "bar"), (2e2, 1e-3, "kPa"), (0.0, 1.0, "Pa")),
-    "N": ((2e4, 1e-3, "kN"), (0.1, 1.0, "N"), (0.0, 1e3, "mN")),
-    "N m": ((0.5, 1.0, "N·m"), (0.0, 1e3, "mN·m")),
-    "V": ((0.1, 1.0, "V"), (0.0, 1e3, "mV")),
-    "A": ((0.1, 1.0, "A"), (0.0, 1e3, "mA")),
-    "m3/s": ((0.0, 6e4, "L/min"),),
-}
 
 
 @dataclass(frozen=True)
@@ -42,11 +28,9 @@ class Scale:
 
 
 def choose_scale(unit: str, size: float) -> Scale:
-    """Return the engineering unit for SI values of a typical size."""
-    for smallest, factor, name in _SCALES.get(unit, ()):
-        if size >= smallest:
-            return Scale(factor, name)
-    return Scale(1.0, pretty_unit(unit))
+    """Return the unit in which SI values of a typical size are read best."""
+    found = display_unit(unit, size)
+    return Scale(found.factor, pretty_unit(found.unit))
 
 
 def scaled(value: float, unit: str, digits: int = 3) -> str:

@@ -17,13 +17,20 @@ _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9:
 _LARGE = ("N", "Pa", "W", "J", "Hz")  # units whose multiples are in use
 # A unit at the beginning of an expression that may take a prefix: not one that is raised.
 _FIRST = re.compile(r"(N|Pa|V|A|s|m|rad|W|J|Hz)(?![A-Za-z0-9^])")
+# What engineers write: smallest size, factor and name, the first one that fits.
+_USUAL: Mapping[str, tuple[tuple[float, float, str], ...]] = {
+    "s": ((0.5, 1.0, "s"), (5e-4, 1e3, "ms"), (0.0, 1e6, "µs")),
+    "m": ((1.5, 1.0, "m"), (5e-5, 1e3, "mm"), (0.0, 1e6, "µm")),
+    "m/s": ((1.5, 1.0, "m/s"), (0.0, 1e3, "mm/s")),
+    "Pa": ((5e8, 1e-9, "GPa"), (5e3, 1e-5, "bar"), (0.0, 1.0, "Pa")),
+    "m3/s": ((0.0, 6e4, "L/min"),),
+}
 # Powers and kilograms take no prefix as they stand.
 _NAMED: Mapping[str, Mapping[str, float]] = {
     "kg": {"mg": 1e6, "g": 1e3, "kg": 1.0},
     "kg m2": {"g cm2": 1e7, "kg cm2": 1e4, "kg m2": 1.0},
     "m2": {"mm2": 1e6, "cm2": 1e4, "m2": 1.0},
     "m3": {"cm3": 1e6, "L": 1e3, "m3": 1.0},
-    "m3/s": {"mL/s": 1e6, "L/s": 1e3, "m3/s": 1.0},
 }
 
 
@@ -51,8 +58,8 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
     Returns
     -------
     DisplayUnit
-        SI with a prefix where no unit of the log suits, and SI itself where that suits or takes no
-        prefix.
+        Where no unit of the log suits, what engineers write (``bar``, ``mm``, ``L/min``), SI
+        itself, or SI with a prefix.
 
     Examples
     --------
@@ -67,6 +74,9 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
     for candidate in _recorded(si_unit, recorded):
         if size == 0.0 or _LEAST <= size * candidate.factor < _BELOW:
             return candidate
+    for smallest, factor, unit in _USUAL.get(si_unit, ()):
+        if size >= smallest and size > 0.0:
+            return DisplayUnit(unit, factor)
     if size == 0.0 or _LEAST <= size < _BELOW:
         return own
     scaled = _scaled(si_unit)
