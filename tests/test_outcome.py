@@ -16,8 +16,8 @@ from fluidact_fit.outcome import (
     Simulation,
     agreement,
     common_level,
-    percent_text,
 )
+from fluidact_fit.tables import percent_text
 
 
 def run(measured: float, error: float, offset: float | None = None) -> Simulation:
