@@ -206,7 +206,8 @@ def fit_named(
         order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
         unknowns=unknowns, notices=found.notices, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
-    if not attempt.best.converged:
+    # at a bound the cost may have a corner, which no step ends on
+    if not attempt.best.converged and not attempt.best.active.any():
         fitted.notices.append(_not_converged(attempt.best.iterations))
     if attempt.order < 0:
         return fitted
@@ -326,12 +327,13 @@ def _without_effect(
         rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
         if rise >= DECISIVE:
             continue
-        if value == unknowns[name].low and specs[name].neutral is not None:
+        spec = specs[name]
+        if value == unknowns[name].low and spec.neutral == spec.minimum:  # it begins at none
             out.append(Refusal(name, "the data are explained as well without it."))
             continue
         reason = (
             f"the data are explained as well if it lies beyond {value:.3g} "
-            f"{specs[name].unit}, where these logs end."
+            f"{spec.unit}, where these logs end."
         )
         out.append(Refusal(name, reason, value))
     return out
