@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 
-import fluidact_fit as ff
 from fluidact_fit.errors import NotIdentifiedError
-from fluidact_fit.estimation import parametric
 from fluidact_fit.estimation.named_model import NamedModel, Values, bind, make_unknowns
 from fluidact_fit.estimation.parametric import fit_named
 from fluidact_fit.estimation.problem import Basis, Unknown
@@ -70,20 +65,3 @@ def test_readings_of_a_converter_are_weighed_as_their_residuals_are() -> None:
         found = solve(bind(scaled, unknowns, {}), np.zeros(0))
         errors.append(np.diag(scaled.uncertainty(found).covariance))
     np.testing.assert_allclose(errors[1], errors[0], rtol=1e-6)
-
-
-def test_a_search_that_did_not_settle_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    attempt = parametric._attempt
-
-    def stopped(*args: Any) -> Any:
-        made = attempt(*args)
-        return replace(made, best=replace(made.best, converged=False))
-
-    monkeypatch.setattr(parametric, "_attempt", stopped)
-    time = 0.01 * np.arange(300)
-    log = {"time [s]": time, "inlet [Pa]": np.where(time > 0.5, 2e5, 1e5)}
-    log["outlet [Pa]"] = 1e5 + 1e5 * (time > 0.5) * (1.0 - np.exp(-(time - 0.5) / 0.2))
-    log["outlet [Pa]"] += np.random.default_rng(1).normal(0.0, 100.0, time.size)
-    result = ff.fit("line", log, hold={"inlet": "zoh"})
-    assert result.verdict == "warn"
-    assert "not-converged" in {n.code for n in result.notices}

@@ -206,22 +206,9 @@ def fit_named(
         order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
         unknowns=unknowns, notices=found.notices, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
-    # at a bound the cost may have a corner, which no step ends on
-    if not attempt.best.converged and not attempt.best.active.any():
-        fitted.notices.append(_not_converged(attempt.best.iterations))
     if attempt.order < 0:
         return fitted
     return replace(fitted, intervals=_examine_intervals(attempt, fitted))
-
-
-def _not_converged(iterations: int) -> Notice:
-    """Warn of values that the search was still moving when it stopped."""
-    return Notice(
-        "not-converged",
-        f"the search stopped after {iterations} steps before it had settled: values and intervals "
-        "may be far off. Record more, or take from it what the logs hardly tell: --offset none "
-        "where the sensor has none, --fix NAME=VALUE, or --start NAME=VALUE near the truth.",
-    )
 
 
 def _at_limits(
