@@ -48,6 +48,8 @@ def percent_text(value: float | None, form: str = ".2f") -> str:
     if abs(value) > _MOST_PERCENT:
         return f"{'over ' if value > 0.0 else 'below -'}{_MOST_PERCENT} %"
     text, digits = f"{value:{form}}", 5
+    if float(text) == 0.0:
+        text = f"{0.0:{form}}"  # not -0.00
     while value < 100.0 <= float(text) and digits < 16:
         text, digits = f"{value:.{digits}g}", digits + 1
     return f"{text} %"
