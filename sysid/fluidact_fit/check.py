@@ -81,8 +81,8 @@ class Check:
 
     def table(self) -> Table:
         """Return the parameters in the file and in the new logs, as a table that shows itself."""
-        head = ("parameter", "file", "now", "std error", "unit", "distance", "change", "")
-        return Table(head, tuple(map(_drift_cells, self.drifts)), right=(1, 2, 6))
+        head = ("parameter", "file", "now", "std error", "unit", "std errors", "moved by", "")
+        return Table(head, tuple(map(_drift_cells, self.drifts)), right=(1, 2, 5, 6))
 
     def log_table(self) -> Table:
         """Return how well the file describes every run, as a table that shows itself."""
@@ -142,7 +142,7 @@ def _drift_cells(d: Drift) -> tuple[str, ...]:
         format_number(d.now, d.combined_error),
         f"± {format_spread(d.combined_error)}",
         d.unit,
-        f"{d.sigmas:.1f} std errors",
+        f"{d.sigmas:.1f}",
         "" if d.percent is None else percent_text(d.percent, "+.2f"),
         "MOVED" if d.moved else "",
     )

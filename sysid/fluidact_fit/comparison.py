@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import html
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot
@@ -90,8 +91,33 @@ class Together:
         return text
 
 
+class _Compared(ABC):
+    """A table and conclusions that show themselves as text and as HTML."""
+
+    @abstractmethod
+    def table(self) -> Table:
+        """Return the table."""
+
+    @property
+    @abstractmethod
+    def conclusions(self) -> tuple[str, ...]:
+        """Sentences below it."""
+
+    def summary(self) -> str:
+        """Return the table and the conclusions as text."""
+        return "\n".join([repr(self.table()), "", *self.conclusions])
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
+        return self.table()._repr_html_() + said
+
+
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(_Compared):
     """Parameter files of one family beside each other."""
 
     family: str
@@ -123,18 +149,6 @@ class Comparison:
         """Conclusions from all parameters of each file together."""
         scale = "Differences are in standard errors of the difference."
         return (scale, *(t.words for t in self.together))
-
-    def summary(self) -> str:
-        """Return the table, and what all parameters say together, as text."""
-        return "\n".join([repr(self.table()), "", *self.conclusions])
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """The same for notebooks."""
-        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
-        return self.table()._repr_html_() + said
 
 
 def _number(value: float | None, error: float | None, status: str | None) -> str:
@@ -328,7 +342,7 @@ def _estimates(document: ParameterDocument) -> tuple[list[str], Any, Any]:
 
 
 @dataclass(frozen=True)
-class Recordings:
+class Recordings(_Compared):
     """Logs beside each other: what :func:`.logs.describe` says of each, and where they differ."""
 
     logs: tuple[dict[str, Any], ...]
@@ -348,18 +362,6 @@ class Recordings:
             rows.append([key, *(_range(table.get(key)) for table in tables)])
         head = ("", *_distinct([log["file"] for log in self.logs]))
         return Table(head, tuple(map(tuple, rows)))
-
-    def summary(self) -> str:
-        """Return the table, and where the logs differ, as text."""
-        return "\n".join([repr(self.table()), "", *self.conclusions])
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """The same for notebooks."""
-        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
-        return self.table()._repr_html_() + said
 
     @property
     def conclusions(self) -> tuple[str, ...]:

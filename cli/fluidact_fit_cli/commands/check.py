@@ -10,10 +10,10 @@ import click
 from .. import options
 from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, format_number, format_spread
+from ..show import echo, echo_json, echo_table
 
 if TYPE_CHECKING:
-    from fluidact_fit.check import Check, Drift
+    from fluidact_fit.check import Check
 
 _STAGES = ("reading", "simulating", "fitting again")
 
@@ -58,34 +58,10 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
 
 def _show(found: Check) -> None:
-    from fluidact_fit.tables import percent_text
-
-    head = ["log", "fit", "rmse", "limit", "unit", ""]
-    rows = [
-        [log.file, percent_text(log.fit_percent), f"{log.rmse:.4g}", f"{log.limit:.4g}", log.unit,
-         "" if log.within else "TOO LARGE"]
-        for log in found.logs
-    ]  # fmt: skip
-    echo_table([head, *rows], right=(1, 2, 3))
+    logs, parameters = found.log_table(), found.table()
+    echo_table([logs.head, *logs.rows], right=logs.right)
     if found.drifts:
         echo()
-        head = ["parameter", "file", "now", "std error", "unit", "std errors", "moved by", ""]
-        rows = [_drift_row(drift) for drift in found.drifts]
-        echo_table([head, *rows], right=(1, 2, 5, 6), drop=(4, 3))
+        echo_table([parameters.head, *parameters.rows], right=parameters.right, drop=(4, 3))
     if found.fits:
         echo("\nthe model still fits")
-
-
-def _drift_row(drift: Drift) -> list[str]:
-    from fluidact_fit.tables import percent_text
-
-    return [
-        drift.name,
-        format_number(drift.before, drift.combined_error),
-        format_number(drift.now, drift.combined_error),
-        f"± {format_spread(drift.combined_error)}",
-        drift.unit,
-        f"{drift.sigmas:.1f}",
-        "" if drift.percent is None else percent_text(drift.percent, "+.2f"),
-        "MOVED" if drift.moved else "",
-    ]
