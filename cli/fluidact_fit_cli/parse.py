@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from fluidact_fit.errors import UnitError
+from fluidact_fit.errors import UnitError, UsageError
 from fluidact_fit.options import plausible
 
 if TYPE_CHECKING:
@@ -67,6 +67,28 @@ def parse_quantities(text: str) -> tuple[float | NumberWithUnit, float | NumberW
     if isinstance(low, float) and isinstance(high, float):
         return parse_range(text)
     return low, high
+
+
+def converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
+    """A number in the first of some units that its own one measures the same as.
+
+    ``value`` may be a pair of such numbers; ``name`` is empty where the option takes one value.
+    """
+    if isinstance(value, NumberWithUnit):
+        wrong = ""
+        for unit in units:
+            try:
+                return value.in_unit(unit)
+            except ValueError as error:
+                wrong = str(error)
+        raise UsageError(
+            f"{option} {name}".rstrip() + f": {wrong}.",
+            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
+            "of the same quantity.",
+        )
+    if isinstance(value, tuple):
+        return tuple(converted(option, name, end, units) for end in value)
+    return value
 
 
 def in_si(si_unit: str, text: str) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 Run = Callable[..., Any]
@@ -58,6 +59,8 @@ def test_limits_reach_the_design(here: Run, params: Path, tmp_path: Path) -> Non
         (["valv"], 2, "Did you mean 'valve'"),
         (["valve", "--criterion", "mass"], 2, "no such criterion"),
         (["valve", "--amplitude", "3:1"], 2, "not below"),
+        (["valve", "--amplitude", "-1:1 bar"], 2, "Expected a number in V"),
+        (["valve", "--rate", "-3"], 2, "above zero"),
         (["valve", "--duration", "0.01"], 2, "samples"),
     ],
 )
@@ -76,3 +79,38 @@ def test_a_file_that_cannot_be_read_is_named(here: Run, tmp_path: Path) -> None:
     done = here("design", "valve", "--from", str(broken))
     assert done.status == 3
     assert "broken.yaml" in done.err
+
+
+def test_limits_may_have_units(here: Run, params: Path) -> None:
+    given = ["--from", str(params), "--duration", "500 ms", "--json"]
+    done = here("design", "valve", *given, "--amplitude", "500mV:2.5V", "--rate", "0.1 V/ms",
+                "--stroke=-1bar:100bar")  # fmt: skip
+    assert done.status == 0, done.err
+    limits = json.loads(done.out)["limits"]
+    assert limits["amplitude"] == [0.5, 2.5]
+    assert limits["rate"] == pytest.approx(100.0)
+    assert limits["stroke"] == [-1e5, 1e7]
+    assert limits["duration"] == 0.5
+
+
+def test_an_output_that_cannot_stay_in_its_range_is_named(here: Run, params: Path) -> None:
+    done = here("design", "valve", "--from", str(params), "--amplitude", "100:200 V")
+    assert done.status == 4
+    assert "outlet leaves its range of" in done.err
+    assert "--stroke LOW:HIGH" in done.err
+
+
+def test_speeds_of_a_position_are_those_given(here: Run, tmp_path: Path) -> None:
+    """The range of a position says nothing of speeds, and ``--amplitude`` is one of speeds."""
+    log = Path(__file__).parents[2] / "datasets" / "cylinder-friction" / "trial1.csv"
+    rows = [line.rpartition(",")[0] for line in log.read_text(encoding="utf-8").splitlines()]
+    (tmp_path / "place.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    done = here("cylinder-friction", str(tmp_path / "place.csv"), "-o", "friction.yaml",
+                "--column", "force=F", "--column", "position=x")  # fmt: skip
+    assert done.status == 0, done.err
+    done = here("design", "cylinder-friction", "--from", "friction.yaml", "-o", "next.csv",
+                "--amplitude=-30:40mm/s")  # fmt: skip
+    assert done.status == 0, done.err
+    table = np.loadtxt("next.csv", delimiter=",", skiprows=1)
+    assert table[:, 1].min() == pytest.approx(-0.03, rel=0.2)
+    assert table[:, 1].max() == pytest.approx(0.04, rel=0.2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from fluidact_fit.families import family_names
 
 from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_option, parsed
 from ..outputs import check_targets, write_all
-from ..parse import parse_positive, parse_range, parse_seconds
+from ..parse import converted, parse_quantities, parse_quantity, parse_seconds
 from ..progress import Progress
 from ..show import (
     echo,
@@ -26,8 +27,9 @@ from ..show import (
 
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design, Forecast
+    from fluidact_fit.parameters import ParameterDocument
 
-_LIMITS = "Limits (SI)"
+_LIMITS = "Limits (in SI, or with a unit: 0:50mm)"
 
 
 @click.command(
@@ -37,11 +39,11 @@ _LIMITS = "Limits (SI)"
         click.Argument(["family"], metavar="FAMILY"),
         Option(["--from", "params_file"], metavar="PARAMS", required=True, group="Input",
                help="The parameter file of the present fit."),
-        parsed("--amplitude", "LOW:HIGH", "-12:12", parse_range,
+        parsed("--amplitude", "LOW:HIGH", "-12:12V", parse_quantities,
                "Range of the driving role (default: the file's validity).", _LIMITS),
-        parsed("--rate", "NUMBER", "100", parse_positive,
+        parsed("--rate", "NUMBER", "100", parse_quantity,
                "Largest slope of the driving role, per second (default: no limit).", _LIMITS),
-        parsed("--stroke", "LOW:HIGH", "0:0.05", parse_range,
+        parsed("--stroke", "LOW:HIGH", "0:50mm", parse_quantities,
                "Range of the output (default: the file's validity).", _LIMITS),
         parsed("--duration", "SECONDS", "10", parse_seconds,
                "Duration (default: that of the longest log of the file).", _LIMITS),
@@ -66,7 +68,7 @@ def command(
 
     Predicts the standard error of every parameter of the file for many excitations within the
     limits (Fisher information at the file's values and noise) and writes the best as a CSV that a
-    controller can play. Limits that are not given are what the file's logs covered; all are in SI.
+    controller can play. Limits that are not given are what the file's logs covered.
 
     \b
     Examples:
@@ -85,6 +87,7 @@ def command(
             f"{params_file} is of the family {document.family}, not {family}.",
             remedy=f"Give `design {document.family}`, or another file.",
         )
+    params |= _limits_in_si(document, params)
     names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         found = make_design(document, progress=progress, **{n: params[n] for n in names})
@@ -94,6 +97,15 @@ def command(
         echo_json(found.to_dict())
     elif not params["quiet"]:
         _show(found, output, params["verbose"])
+
+
+def _limits_in_si(document: ParameterDocument, params: Mapping[str, Any]) -> dict[str, Any]:
+    """The given limits that have units of their own, in SI."""
+    from fluidact_fit.excitation import limit_units
+
+    given = {n: params[n] for n in ("amplitude", "rate", "stroke") if params[n] is not None}
+    units = limit_units(document) if given else {}
+    return {n: converted(f"--{n}", "", value, [units[n]]) for n, value in given.items()}
 
 
 def _show(found: Design, output: str | None, verbose: bool) -> None:

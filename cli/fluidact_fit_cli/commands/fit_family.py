@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +33,7 @@ from ..options import (
 )
 from ..outputs import check_places, refuse_existing, write_all
 from ..parameter_table import echo_parameters
-from ..parse import NumberWithUnit, parse_quantities, parse_quantity, parse_seconds, parse_window
+from ..parse import converted, parse_quantities, parse_quantity, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
 from ..show import echo_json, echo_text, json_text
@@ -241,32 +241,13 @@ def in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str,
     out: dict[str, Any] = {}
     for option, known in (("fix", specs), ("start", specs), ("bounds", specs), ("noise", roles)):
         out[option] = {
-            name: _converted(f"--{option}", name, value, [x.unit for x in known if x.name == name])
+            name: converted(f"--{option}", name, value, [x.unit for x in known if x.name == name])
             for name, value in params[option].items()
         }
     for name, (low, high) in out["bounds"].items():
         if low >= high:
             raise UsageError(f"--bounds {name}: {low:g} is not below {high:g}.")
     return out
-
-
-def _converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
-    """A number in the first of some units that its own one measures the same as."""
-    if isinstance(value, NumberWithUnit):
-        wrong = ""
-        for unit in units:
-            try:
-                return value.in_unit(unit)
-            except ValueError as error:
-                wrong = str(error)
-        raise UsageError(
-            f"{option} {name}: {wrong}.",
-            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
-            "of the same quantity.",
-        )
-    if isinstance(value, tuple):
-        return tuple(_converted(option, name, end, units) for end in value)
-    return value
 
 
 def _fit(

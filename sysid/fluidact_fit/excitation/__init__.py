@@ -22,13 +22,27 @@ from dataclasses import replace
 
 from ..control import read_document
 from ..parameters import ParameterDocument
+from ..specification import quotient_unit
 from .command import design_command
-from .points import design_points
-from .result import Candidate, Design, Forecast, Limits
+from .points import design_points, speed_and_place
+from .result import NOT_GIVEN, Candidate, Design, Forecast, Limits
 from .strokes import design_strokes
 from .task import Task
 
-__all__ = ["Candidate", "Design", "Forecast", "Limits", "design"]
+__all__ = ["Candidate", "Design", "Forecast", "Limits", "design", "limit_units"]
+
+
+def limit_units(document: ParameterDocument) -> dict[str, str]:
+    """Return the SI units of ``amplitude``, ``rate`` and ``stroke`` for a machine."""
+    task = Task(document, Limits(NOT_GIVEN, None, None, 0.0, 0.0), "worst", 0, lambda _: None)
+    drive, output = task.drive, task.output
+    if task.excitation.kind == "strokes":
+        drive, output = speed_and_place(task)
+    return {
+        "amplitude": drive.unit,
+        "rate": quotient_unit(drive.unit, "s"),
+        "stroke": output.unit,
+    }
 
 
 def design(
@@ -80,7 +94,7 @@ def design(
     if not isinstance(document, ParameterDocument):
         inputs = (os.path.abspath(document),)
         document = read_document(document)
-    given = Limits(amplitude or (0.0, 0.0), rate, stroke, duration or 0.0, sample_time or 0.0)
+    given = Limits(amplitude or NOT_GIVEN, rate, stroke, duration or 0.0, sample_time or 0.0)
     task = Task(document, given, criterion, seed, progress or (lambda message: None))
     task.check()
     kinds = {"command": design_command, "strokes": design_strokes, "points": design_points}

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import UsageError
+from ..errors import NotIdentifiedError, UsageError
 from ..experiment import FloatArray
 from .result import Candidate, Design
 from .search import RISE, Search, Trial
@@ -139,9 +139,12 @@ def design_command(task: Task) -> Design:
         if number % 10 == 1:
             task.progress(f"candidate {number} of {len(waveforms)}")
         trials.append(search.try_out(waveform))
-    trials = sorted((t for t in trials if np.isfinite(t.score)), key=lambda t: t.score)
+    every, trials = trials, [t for t in trials if np.isfinite(t.score)]
+    if not trials and not any(search.is_within_stroke(t.output) for t in every):
+        raise _out_of_stroke(task, [t.output for t in every])
     if not trials:
         raise undetermined("excitation")
+    trials.sort(key=lambda t: t.score)
     leaders = _best_of_each(trials)
     improved = []
     for number, trial in enumerate(leaders[:_LEADERS], start=1):
@@ -152,6 +155,23 @@ def design_command(task: Task) -> Design:
     improved[:1] = [_reshape(search, trial) for trial in improved[:1]]
     ranking = sorted([*improved, *leaders[_LEADERS:]], key=lambda t: t.score)
     return _to_design(task, search, ranking)
+
+
+def _out_of_stroke(task: Task, outputs: Sequence[FloatArray]) -> NotIdentifiedError:
+    """The error when the output leaves its stroke whatever is played."""
+    role, limits, unit = task.output, task.limits, task.output.unit
+    assert limits.stroke is not None, "without a stroke nothing is outside it"
+    nearest = min(outputs, key=np.ptp)
+    whose = "" if task.given.stroke else ", which the file's logs covered"
+    low, high = limits.amplitude
+    return NotIdentifiedError(
+        f"within --amplitude {low:g}:{high:g} {task.drive.unit}, {role.name} leaves its range of "
+        f"{limits.stroke[0]:.4g} to {limits.stroke[1]:.4g} {unit}{whose}: it moves over "
+        f"{nearest.min():.4g} to {nearest.max():.4g} {unit} or further.",
+        expected="Nothing was written.",
+        remedy="Give the range that the machine may use as --stroke LOW:HIGH, or a smaller "
+        "--amplitude.",
+    )
 
 
 def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:

@@ -13,6 +13,8 @@ import numpy as np
 from ..experiment import FloatArray
 from ..parameters import write_atomically
 
+NOT_GIVEN = (0.0, 0.0)  # an amplitude that is left to what the file's logs covered
+
 
 @dataclass(frozen=True)
 class Limits:

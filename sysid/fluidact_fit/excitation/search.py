@@ -40,7 +40,7 @@ class Search:
         """Simulate a waveform; smaller until it stays within the stroke."""
         for _ in range(5):
             shape, command, output = self._balance(waveform)
-            if self._within(output):
+            if self.is_within_stroke(output):
                 errors = self._errors(command)
                 score = self.task.score(errors)
                 return Trial(waveform, shape, command, output, errors, score)
@@ -131,7 +131,8 @@ class Search:
             [max(spread.get(n, 0.0), found.floor.get(n, 0.0)) or np.inf for n in task.names]
         )
 
-    def _within(self, output: FloatArray) -> bool:
+    def is_within_stroke(self, output: FloatArray) -> bool:
+        """Return whether an output, shape ``(n,)`` [SI], stays within the stroke."""
         limits = self.task.limits
         if limits.stroke is None:
             return True

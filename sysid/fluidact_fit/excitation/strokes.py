@@ -12,7 +12,7 @@ from ..errors import UsageError
 from ..estimation.information import cramer_rao
 from ..experiment import FloatArray
 from .points import is_speed, speed_and_place, static_errors, static_rows, static_samples
-from .result import Design
+from .result import NOT_GIVEN, Design
 from .task import Task, make_run, undetermined
 
 _TURN = 0.1  # s that the motion takes to reach its speed
@@ -81,7 +81,8 @@ def design_strokes(task: Task) -> Design:
 
 def _speed_limits(task: Task) -> tuple[float, float]:
     """Lowest and highest velocity [SI]: as given, or what the file's logs covered."""
-    low, high = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
+    covered = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
+    low, high = covered if task.given.amplitude == NOT_GIVEN else task.given.amplitude
     unit = speed_and_place(task)[0].unit
     if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(

@@ -13,7 +13,7 @@ from ..experiment import Experiment, FloatArray, Signal
 from ..families import get_family
 from ..family import Excitation, Family, FamilyOptions, Information, ParameterDocument
 from ..specification import ParameterSpec, Plant, Role, Variant
-from .result import Forecast, Limits
+from .result import NOT_GIVEN, Forecast, Limits
 
 _MOST = 200_000  # samples of a run that is searched
 _TIE = 0.05  # weight of the mean over all parameters beside the worst
@@ -114,7 +114,7 @@ class Task:
         given, drive, output = self.given, self.drive, self.variant.output.name
         covered = {role: (r.low, r.high) for role, r in self.document.validity.items()}
         amplitude, stroke = given.amplitude, given.stroke
-        if amplitude == (0.0, 0.0):
+        if amplitude == NOT_GIVEN:
             if drive.name not in covered:
                 raise UsageError(
                     f"the file does not say which range of {drive.name} its logs covered.",
@@ -289,6 +289,8 @@ def _check_limits(limits: Limits) -> None:
             raise UsageError(
                 f"{name}={pair[0]:g}:{pair[1]:g}: the lower end is not below the upper."
             )
+    if limits.rate is not None and not limits.rate > 0.0:
+        raise UsageError(f"--rate={limits.rate:g}: a largest slope is above zero.")
     step, duration = limits.sample_time, limits.duration
     if step and not 20 <= limits.count <= _MOST:
         raise UsageError(
