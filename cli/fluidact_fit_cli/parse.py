@@ -154,21 +154,38 @@ def parse_range(text: str) -> tuple[float, float]:
 
 
 def parse_window(text: str) -> tuple[float | None, float | None]:
-    """Return ``START:END``; a side that is empty is ``None``."""
+    """Return ``START:END`` [s], each with a unit or not; a side that is empty is ``None``."""
     sides = _split(text)
     if not any(sides):
         raise ValueError("both sides are empty")
-    low, high = (parse_number(side) if side else None for side in sides)
+    low, high = (in_si("s", side) if side else None for side in sides)
     if low is not None and high is not None and low >= high:
         raise ValueError(f"{low:g} is not before {high:g}")
     return low, high
 
 
-def parse_step(text: str) -> tuple[float, float, float]:
-    """Return ``FROM:TO[@T]``; without ``@T`` the step is at 0 s."""
+class Step(NamedTuple):
+    """A step of an input that was not recorded; ``unit`` is that behind its values, if any."""
+
+    start: float
+    end: float
+    at: float
+    unit: str | None
+
+
+def parse_step(text: str) -> Step:
+    """Return ``FROM:TO[@T]``; ``T`` [s] may have a unit, and is 0 where it is left out.
+
+    A unit behind ``TO`` is that of both values.
+    """
     start, rest = _split(text)
     end, at, instant = rest.partition("@")
-    return parse_number(start), parse_number(end), parse_number(instant) if at else 0.0
+    values = parse_quantity(start), parse_quantity(end)
+    units = [v.unit for v in values if isinstance(v, NumberWithUnit)]
+    if units and (isinstance(values[1], float) or len(set(units)) > 1):
+        raise ValueError(f"'{start}:{end}': give one unit, behind {end or 'the second value'}")
+    low, high = (v.number if isinstance(v, NumberWithUnit) else v for v in values)
+    return Step(low, high, in_si("s", instant) if at else 0.0, units[0] if units else None)
 
 
 def parse_hold(text: str) -> str:

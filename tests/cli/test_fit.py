@@ -186,19 +186,44 @@ def test_every_reading_option(here: Run, valve: Log, inside: Path) -> None:
     assert a == pytest.approx(b, rel=1e-6)
 
 
-def test_step_that_was_not_recorded(here: Run, inside: Path) -> None:
-    import numpy as np
-
+def _write_step_response(path: Path) -> None:
+    """The outlet of a line whose inlet steps from -1 to 2 bar at 0.1 s, and no inlet."""
     time = 0.01 * np.arange(200)
     outlet = np.where(time > 0.1, 3e5 * (1 - np.exp(-(time - 0.1) / 0.2)), 0.0)
     outlet += np.random.default_rng(0).normal(size=200)
     rows = [f"{t:.4f},{y:.9g}" for t, y in zip(time, outlet)]
-    (inside / "s.csv").write_text("\n".join(["time [s],outlet [Pa]", *rows]) + "\n")
+    path.write_text("\n".join(["time [s],outlet [Pa]", *rows]) + "\n")
+
+
+def test_step_that_was_not_recorded(here: Run, inside: Path) -> None:
+    _write_step_response(inside / "s.csv")
     done = here("line", "s.csv", "--step", "inlet=-1:2@0.1", "--unit", "inlet=bar")
     assert done.status == 0, done.err
     document = read_document(inside / "line.yaml")
     assert document.parameters["gain"].value == pytest.approx(1.0, rel=1e-3)
     assert document.parameters["time_constant"].value == pytest.approx(0.2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("steps", "status", "words"),
+    [
+        (["inlet=-1:2bar@100ms"], 0, ""),
+        (["inlet=-1bar:2 bar@0.1", "--window", "0:900 ms"], 0, ""),
+        (["inlet=-1bar:2@0.1"], 2, "give one unit, behind 2"),
+        (["inlet=-1:2bar@0.1", "--unit", "inlet=kPa"], 2, "another option says that inlet is in"),
+        (["inlet=-1:2mm@0.1"], 3, "mm"),
+    ],
+)
+def test_step_may_have_a_unit(
+    here: Run, inside: Path, steps: list[str], status: int, words: str
+) -> None:
+    _write_step_response(inside / "s.csv")
+    done = here("line", "s.csv", "--step", *steps)
+    assert done.status == status, done.err
+    assert words in done.err
+    if not status:
+        found = read_document(inside / "line.yaml")
+        assert found.parameters["gain"].value == pytest.approx(1.0, rel=0.02)
 
 
 def test_validation_is_judged_and_not_fitted(here: Run, valve: Log, inside: Path) -> None:

@@ -23,6 +23,7 @@ from ..options import (
     parsed,
     read_logs,
     read_params,
+    with_units_of_steps,
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_seconds, parse_step
@@ -48,8 +49,8 @@ _OF_LOOPS = ("reference", "draws", "seed", "accept_not_identified", "plot", "as_
                help="CSV file; without it the table goes to standard output."),
         FORCE,
         assignment("--input", "ROLE=FROM:TO[@T]", "command=0:2@0.1", parse_step,
-                   "An input that steps from FROM to TO (in its --unit, or SI) at T seconds.",
-                   "Instead of a log"),
+                   "An input that steps from FROM to TO (in its --unit, or SI, or with a unit: "
+                   "0:2V) at T seconds.", "Instead of a log"),
         parsed("--duration", "SECONDS", "2", parse_seconds,
                "How long to simulate (with --sample-time, or --controller).", "Instead of a log"),
         Option(["--controller"], metavar="FILE", group=_LOOP,
@@ -174,10 +175,9 @@ def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[
     from fluidact_fit.logs import StepInput
     from fluidact_fit.simulation import beyond_validity, simulate_steps
 
-    steps = {role: StepInput(*step) for role, step in params["input"].items()}
-    runs = simulate_steps(
-        document, steps, params["unit"], params["duration"], params["sample_time"]
-    )
+    steps = {role: StepInput(*step[:3]) for role, step in params["input"].items()}
+    units = with_units_of_steps("--input", params["input"], params["unit"])
+    runs = simulate_steps(document, steps, units, params["duration"], params["sample_time"])
     if not params["quiet"]:
         echo_notices(beyond_validity(document, [run.experiment for run in runs]))
     return runs
