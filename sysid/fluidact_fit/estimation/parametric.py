@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..options import FamilyOptions
-from ..rows import by_rows, square_sum
+from ..rows import square_sum
 from ..specification import NoiseLevel, ParameterSpec, Request
 from ..units import after_number, as_share
 from .agreement_of_logs import LogDisagreement, compare_logs
@@ -83,10 +83,10 @@ class Fitted(Solved):
         if other:
             table = condensed(parts)
             found = explain(table[:, kept], table[:, other])
-            parts = [by_rows(lambda x: x[:, kept] - x[:, other] @ found, j) for j in parts]
+            parts = [j[:, kept] - j[:, other] @ found for j in parts]
         if not self.factors:
             return list(parts)
-        return [by_rows(lambda x, by=self.factors[k]: x / by, j) for j, k in zip(parts, self.logs)]
+        return [j / self.factors[k] for j, k in zip(parts, self.logs)]
 
     def compare_logs(
         self, experiments: Sequence[Experiment]

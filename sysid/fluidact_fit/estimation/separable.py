@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import by_rows, is_kept, square_sum
-from .blocks import products
+from ..rows import square_sum
 from .elimination import Eliminated, Tangent
 from .minimise import minimise
 from .price import exhausted
@@ -135,9 +134,8 @@ def settled(problem: Problem, found: StationaryPoint, least: float) -> Stationar
     """
     free = ~found.active
     pairs = list(zip(found.jacobian, found.residuals, strict=True))
-    squares, scores = zip(*(products(j, r) for j, r in pairs))
-    curvature = np.sum(squares, axis=0)[np.ix_(free, free)]
-    gradient = np.sum(scores, axis=0)[free]
+    curvature = np.sum([j.T @ j for j, _ in pairs], axis=0)[np.ix_(free, free)]
+    gradient = np.sum([j.T @ r for j, r in pairs], axis=0)[free]
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     step = np.zeros(free.size)
     step[free] = np.linalg.lstsq(
@@ -148,18 +146,11 @@ def settled(problem: Problem, found: StationaryPoint, least: float) -> Stationar
     low, high = bounds_of([*problem.nonlinear, *problem.linear])
     if not gradient @ step[free] > least**2 * noise or np.any((at < low) | (at > high)):
         return found
-    left = [_less(r, j, step) for j, r in pairs]
+    for j, r in pairs:  # a long record has no room for both
+        r -= j @ step
     eta, linear = at[: found.eta.size], at[found.eta.size :]
-    cost = sum(map(square_sum, left))
-    return replace(found, eta=eta, linear=linear, residuals=left, cost=cost)
-
-
-def _less(residuals: FloatArray, jacobian: FloatArray, step: FloatArray) -> FloatArray:
-    """Residuals after a step; those that are kept are moved where they lie."""
-    if not is_kept(residuals):
-        return by_rows(lambda r, j: r - j @ step, residuals, jacobian)
-    residuals -= jacobian @ step
-    return residuals
+    cost = sum(map(square_sum, found.residuals))
+    return replace(found, eta=eta, linear=linear, cost=cost)
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, is_kept, square_sum
+from ..rows import blocks, square_sum
 from .blocks import condensed
 from .converter_errors import code_covariance, codes_matter
 from .recursion import run_recursion
@@ -171,10 +171,8 @@ def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
     q, p = a.size, jacobian.shape[1]
     later = np.zeros((q, p))  # what the recursion gave for the samples after these, next one first
     total = np.zeros((p, p))
-    # to and fro are the same to a symmetric R: what is made block by block is made forwards
-    way = -1 if is_kept(jacobian) else 1
-    for at in list(blocks(jacobian.shape[0]))[::way]:
-        driven = jacobian[at][::way].copy()
+    for at in list(blocks(jacobian.shape[0]))[::-1]:
+        driven = jacobian[at][::-1].copy()
         for m in range(min(q, driven.shape[0])):
             driven[m] += a[m:] @ later[: q - m]
         found = run_recursion(driven, a)
