@@ -27,13 +27,14 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..experiment import Array, Experiment, FloatArray, Signal
+from ..specification import NoiseLevel
 from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, StationaryPoint
@@ -72,6 +73,23 @@ def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
         for role, s in first.signals.items()
         if s.hold is not None and all(e.signals[role].time.size > 1 for e in experiments)
     ]
+
+
+def with_noise(
+    experiments: Sequence[Experiment], inputs: Mapping[str, NoiseLevel], rng: np.random.Generator
+) -> list[Experiment]:
+    """The runs with as much noise on their inputs once more.
+
+    The level that a run starts from stays: it belongs to the offset.
+    """
+    out = []
+    for e in experiments:
+        for role, noise in inputs.items():
+            drawn = noise.sigma * rng.standard_normal(e.signals[role].values.size)
+            drawn[0] = 0.0
+            e = e.with_readings(role, e.signals[role].values + drawn)
+        out.append(e)
+    return out
 
 
 @dataclass(frozen=True)

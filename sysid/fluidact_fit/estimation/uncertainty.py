@@ -35,8 +35,8 @@ _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 class Uncertainty:
     """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
-    ``order`` is that of the autoregression that the residuals were taken for (0: white; -1: the
-    covariance was taken from the scores).
+    ``order`` is that of the autoregression that the residuals were taken for, 0 where they are
+    white; ``from_scores`` says that the covariance is that of the scores instead.
     As many as ``independent`` samples with independent errors would show the size of the errors
     as well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
     """
@@ -46,6 +46,7 @@ class Uncertainty:
     sigma: float
     order: int
     independent: float = np.inf
+    from_scores: bool = False
 
 
 @dataclass(frozen=True)
@@ -377,7 +378,7 @@ def score_covariance(
     total = _positive(bread @ middle @ bread)
     total[blind, blind] = np.inf
     degrees = max(samples - p, 1)
-    return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), -1)
+    return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), 0, from_scores=True)
 
 
 def long_run(scores: FloatArray) -> FloatArray:
