@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..estimation.solution import moved, number
+from ..estimation.uncertainty import covariance
 from ..experiment import (
     BoolArray,
     Experiment,
@@ -217,6 +218,11 @@ class Optimum:
         return [
             r + all_of(s.simulated, s.used) / s.scale for s, r in zip(self.series, self.residuals)
         ]
+
+    def is_less_certain(self, times: float) -> bool:
+        """Return whether some parameter is, than if the residuals were white, by so many times."""
+        white = covariance(self.jacobians, self.residuals, robust=False).covariance
+        return bool(np.any(self.errors > times * np.sqrt(np.diag(white))))
 
     @property
     def sigma(self) -> float:

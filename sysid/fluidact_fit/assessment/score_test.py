@@ -24,6 +24,8 @@ from .corrected_score import beside_copies
 from .optimum import Optimum
 from .terms import Term, terms_at_any_time, terms_over_time
 
+_QUANTISED = 1.5  # times its standard error from white noise that one is by a converter
+
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
@@ -51,7 +53,7 @@ class Score:
     ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
     ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
     ``share`` is the largest part of its value that one would move by, significantly. It is
-    ``bounded`` unless it was recorded by a coarse converter, whose errors the test takes for noise.
+    ``bounded`` unless a coarse converter may have more to do with it than the standard errors say.
     """
 
     term: Term
@@ -147,7 +149,7 @@ def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
     if at.treatment or at.instruments or not is_coarse(max(steps), at.sigma):
         return plain
     if not plain.significant:
-        return replace(plain, bounded=False)
+        return replace(plain, bounded=not at.is_less_certain(_QUANTISED))
     tables = at.augmented(term.columns).tables
     columns, rest = [t[:, :-1] for t in tables], [t[:, -1] for t in tables]
     x = scaled_least_squares(np.vstack(columns), np.concatenate(rest))

@@ -1,22 +1,4 @@
-"""Errors of a coarse converter: alike wherever a reading comes again, so no white noise.
-
-Samples of one code share its error, whichever run they are from. They are one cluster, and the
-covariance is that of the delete-a-cluster jackknife [1]_: with ``J_c``, ``r_c`` the rows of a code
-the estimate without it differs by
-
-    d_c = (J'J - J_c' J_c)^-1 J_c' r_c,
-
-and the covariance is ``sum_c d_c d_c'``. A code that holds a direction nearly alone leaves nothing
-in its residual: there the error has the variance ``q^2 / 12`` of a level anywhere within the code,
-less what the residual scatters within it beside white noise: a signal that crosses the code
-averages its error. Noise that shakes a level across two codes does so too, which is not counted on:
-the intervals are then wider than they have to be.
-
-References
-----------
-.. [1] A. C. Cameron, D. L. Miller, "A practitioner's guide to cluster-robust inference",
-   J. Human Resources 50(2), 2015, section VI.
-"""
+"""Errors of a converter, which stay the same as long as a reading does: no white noise."""
 
 from __future__ import annotations
 
@@ -24,41 +6,98 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from ..rows import blocks
-from .noise import noise_floor
 
-_COARSE = 0.3  # of the variance of a residual, that the error of a coarse converter is at least
-_LASTING = 12  # samples over which a signal is seen to rest
-_CROSSED = 2.0 / 3.0  # of a code squared, mean square of differences where noise crosses codes
+_LASTING = 12  # samples of a reading that no noise shakes
+_CROSSED = 2.0 / 3.0  # of a code squared, that readings differ by where noise crosses codes
+_ADDS = 0.02  # of a variance that is worth a closer look
 _RESTING = 0.05  # of all samples where it does not, from which on their errors may matter
-_HELD = 0.5  # leverage of a code from which its residual does not show its error
-_CHANCE = 3.0  # standard deviations by which a variance may be larger by chance
-
-Readings = Sequence[tuple[FloatArray, float]]
+_TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
+_NEAR = (5, 25, 125)  # samples that a signal hardly changes over: always, and where it may rest
+_TURNS = 20  # of an iteration whose error soon is far below what matters
+_DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
+_MUCH = 0.3  # of the variance of a residual
+_BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
 
 
 def is_coarse(step: float, sigma: float) -> bool:
     """Return whether the error of a converter is much of a residual of that standard deviation."""
-    return step**2 / 12.0 >= _COARSE * sigma**2
+    return step**2 / 12.0 >= _MUCH * sigma**2
 
 
-def codes_matter(readings: Readings, sigma: float) -> bool:
-    """Return whether the errors of a converter are no white noise.
+def code_errors(
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    bread: FloatArray,
+    noise: float,
+    *,
+    apart: bool,
+    mirrored: bool,
+) -> FloatArray:
+    """``J' R J`` of the errors of a converter, shape ``(p, p)``, beside white noise.
 
-    They are where the converter is coarse beside the residual ``sigma``, or where noise does not
-    take it across its codes: the residual may hold noise of a regressor, which the reading does
-    not.
+    ``J' e`` over draws of where the signal ``s`` lies among the codes ``q``, with
+    ``e = q round(s / q) - s``: the unknowns are moved as far as errors that are one for each code
+    leave them uncertain, and the signal by a common part of a code. What is met again has its
+    error again, other levels have others, and a signal that crosses the codes averages them. A
+    machine that is alike both ways is read alike both ways, its errors ``mirrored`` at zero.
+    The signals of series that are ``apart``, each with an offset of its own, are moved by parts of
+    their own. ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
+
+    Of a signal that is shaken by noise within a code the readings are short; that of a lasting
+    one is not, whatever noise of a regressor its residual holds. The longest reading says how much
+    noise there can be: a signal on an edge between two codes is as wrong by the mean of both.
+    """
+    p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
+    rng = np.random.default_rng(0)
+    tries = int(np.clip(_DRAWN // samples, *_TRIES))
+    codes = _by_codes(jacobian, readings, mirrored)
+    away = rng.standard_normal((tries, codes.shape[0])) @ (codes @ bread)
+    parts = rng.uniform(-0.5, 0.5, (tries, len(jacobian) if apart else 1))
+    parts = np.broadcast_to(parts, (tries, len(jacobian)))
+    sizes, most = np.full(tries, np.sqrt(noise)), _most_noise(readings)
+    if most < sizes[0]:
+        sizes = most * rng.uniform(size=tries)
+    sums = np.zeros((tries, p))
+    for i, (j, r, (y, step)) in enumerate(zip(jacobian, residuals, readings)):
+        if not step > 0.0:
+            continue
+        signal, shaken = _signal(np.asarray(y), np.asarray(r))
+        for at in blocks(y.size):
+            rows, sides = np.asarray(j[at]), step * (np.sign(y[at]) if mirrored else 1.0)
+            for k in range(tries):
+                moved = signal[at] + rows @ away[k] + parts[k, i] * sides
+                moved += sizes[k] * shaken[at] * rng.standard_normal(moved.size)
+                sums[k] += (step * np.round(moved / step) - moved) @ rows
+    return np.asarray(sums.T @ sums / tries)
+
+
+def codes_matter(
+    jacobian: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    bread: FloatArray,
+    total: FloatArray,
+    sigma: float,
+) -> bool:
+    """Return whether the errors of a converter are no white noise and matter.
+
+    They are where the converter is coarse, or where noise does not take it across its codes. The
+    covariance without them is ``total``, the standard deviation of the residual ``sigma``.
     """
     step = max((step for _, step in readings), default=0.0)
-    return is_coarse(step, sigma) or _rests(readings)
+    if is_coarse(step, sigma):
+        return True
+    return _rests(readings) and _may_matter(jacobian, readings, bread, total)
 
 
-def _rests(readings: Readings) -> bool:
+def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
     """Return whether neither noise nor motion takes what a converter was given across its codes.
 
-    A signal on an edge, which the least noise flips, has differences of half a code squared in the
-    mean; noise of half a code, which averages the error, makes two thirds.
+    Noise of half a code makes ``q^2 / 3`` of half the mean square of the differences; a signal on
+    an edge, which the least noise flips, makes a quarter. Errors like these are no noise, however
+    small they are beside the residual: it may hold that of a regressor.
     """
     resting, samples = 0, 0
     for y, step in readings:
@@ -70,49 +109,95 @@ def _rests(readings: Readings) -> bool:
     return resting > _RESTING * samples
 
 
-def code_covariance(
+def _may_matter(
     jacobian: Sequence[FloatArray],
-    residuals: Sequence[FloatArray],
-    readings: Readings,
+    readings: Sequence[tuple[FloatArray, float]],
     bread: FloatArray,
-    *,
-    mirrored: bool,
-) -> FloatArray:
-    """Covariance ``(p, p)`` of the unknowns by errors that samples of one code share.
+    total: FloatArray,
+) -> bool:
+    """Return whether errors that are one for each code could add to the covariance ``total``."""
+    error = _by_codes(jacobian, readings, mirrored=False) @ bread
+    return bool(np.any(np.sum(error**2, axis=0) > _ADDS * np.diag(total)))
 
-    Parameters
-    ----------
-    jacobian, residuals, readings
-        Per experiment, shapes ``(n_i, p)`` and ``(n_i,)``; readings with the step of the converter.
-    bread : (p, p)
-        ``(J'J)^-1`` of all experiments.
-    mirrored
-        Whether a code below zero has the error of the one above, with the sign changed: a machine
-        that is alike both ways is read alike both ways.
+
+def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
+    """Standard deviation of noise behind which the longest reading is hardly as long (5 %).
+
+    In the middle of a code a reading of ``l`` samples comes some ``n (1 - p) p^l`` times, ``p`` the
+    probability that noise leaves it there.
     """
-    step = max(step for _, step in readings)
-    codes = [np.round((np.abs(y) if mirrored else y) / step) for y, _ in readings]
-    every, p = np.unique(np.concatenate([np.unique(c) for c in codes])), len(bread)
-    count, total, square = np.zeros((3, every.size))
-    scores, sums = np.zeros((2, every.size, p))
-    products = np.zeros((every.size, p, p))
-    for j, r, code, (y, _) in zip(jacobian, residuals, codes, readings, strict=True):
+    from scipy.special import ndtri
+
+    samples, longest, step = sum(y.size for y, _ in readings), 0, 0.0
+    for y, own in readings:
+        ends = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan))
+        longest, step = max(longest, int(np.diff(ends).max(initial=0))), max(step, own)
+    stays = 0.5
+    for _ in range(_TURNS):
+        stays = min((0.05 / (samples * (1.0 - stays))) ** (1.0 / max(longest, 1)), 1.0 - 1e-9)
+    return -0.5 * step / float(ndtri(0.5 * (1.0 - stays)))
+
+
+def _by_codes(
+    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]], mirrored: bool
+) -> FloatArray:
+    """Sums of the derivatives over all samples of a code, times the size of its error, (k, p).
+
+    ``mirrored``: a code below zero has the error of the one above, with the sign changed.
+    """
+    size = np.abs if mirrored else np.asarray
+    values = np.unique(np.concatenate([np.unique(size(y)) for y, _ in readings]))
+    sums = np.zeros((values.size, jacobian[0].shape[1]))
+    for j, (y, step) in zip(jacobian, readings):
         for at in blocks(y.size):
-            which, rows, left = np.searchsorted(every, code[at]), j[at], r[at]
-            signs = np.sign(y[at]) if mirrored else np.ones(left.size)
-            np.add.at(count, which, 1.0)
-            np.add.at(total, which, signs * left)
-            np.add.at(square, which, left**2)
-            np.add.at(scores, which, left[:, None] * rows)
-            np.add.at(sums, which, signs[:, None] * rows)
-            np.add.at(products, which, rows[:, :, None] * rows[:, None, :])
-    white = sum(r.size * noise_floor(r) ** 2 for r in residuals) / float(count.sum())
-    most = white * (1.0 + _CHANCE * np.sqrt(2.0 / count))
-    scatter = np.maximum(square / count - (total / count) ** 2 - most, 0.0)
-    level = np.sqrt(np.maximum(step**2 / 12.0 - scatter, 0.0))
-    moves = level[:, None] * sums @ bread
-    leverages = bread @ products
-    seen = np.trace(leverages, axis1=1, axis2=2) < _HELD
-    rest = np.eye(p) - leverages[seen]
-    moves[seen] = np.linalg.solve(rest, (scores[seen] @ bread)[:, :, None])[:, :, 0]
-    return np.asarray(moves.T @ moves)
+            which, rows = np.searchsorted(values, size(y[at])), np.asarray(j[at])
+            weights = step * np.sign(y[at]) if mirrored else np.full(which.size, step)
+            for k in range(rows.shape[1]):
+                sums[:, k] += np.bincount(which, weights * rows[:, k], values.size)
+    return sums / np.sqrt(12.0)
+
+
+def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Reconstruct the input of a converter, ``(n,)``: readings less residuals; and the short ones.
+
+    Of a lasting one the level of the residual is taken, and a slope and bow that stand out of what
+    noise leaves.
+    """
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
+    lengths = np.diff(np.append(starts, y.size))
+    which = np.repeat(np.arange(starts.size), lengths)
+
+    def sums(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, starts))
+
+    curve = (sums(r) / lengths)[which]
+    left = sums((r - curve) ** 2)
+    off = (np.arange(y.size) - (starts + 0.5 * (lengths - 1))[which]) / lengths[which]
+    bow = off**2 - (sums(off**2) / lengths)[which]
+    for column in (off, bow):  # at right angles to the level and to each other
+        size = np.maximum(sums(column**2), 1e-300)
+        slope = sums(column * r) / size
+        left = left - slope**2 * size
+        seen = slope**2 * size > _BENDS * left / np.maximum(lengths - 3, 1)
+        curve += np.where(seen, slope, 0.0)[which] * column
+    short = (lengths < _LASTING)[which]
+    return np.where(short, _smooth(y, r), y - curve), short
+
+
+def _smooth(y: FloatArray, r: FloatArray) -> FloatArray:
+    """Reconstruct the input of a converter where noise dithers its readings, shape ``(n,)``.
+
+    Noise of a regressor is in the residual, and not in the signal: neighbours are taken together,
+    as many as hardly differ by more than the two codes that a signal is between.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    moved = np.diff(y)
+    step = 1.5 * float(np.abs(moved[moved != 0.0]).min(initial=np.inf))
+    out = y.copy()
+    for near in _NEAR:
+        count = np.ones(min(near, y.size))
+        mean = np.convolve(y - r, count, "same") / np.convolve(np.ones(y.size), count, "same")
+        between = maximum_filter1d(y, count.size) - minimum_filter1d(y, count.size) <= step
+        out = np.where(between | (near == _NEAR[0]), mean, out)
+    return out

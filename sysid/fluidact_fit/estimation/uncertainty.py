@@ -25,7 +25,7 @@ import numpy as np
 from ..experiment import BoolArray, FloatArray
 from ..rows import blocks, square_sum
 from .blocks import condensed
-from .converter_errors import code_covariance, codes_matter
+from .converter_errors import code_errors, codes_matter
 from .recursion import run_recursion
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
@@ -304,11 +304,19 @@ def covariance(
         total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
         degrees = max(int(min(effective, independent)) - p, 1)
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
-    if robust and whole and codes_matter(readings, float(sigma)):
-        # whether the machine is alike both ways is not known: both are tried, the larger counts
-        both = (code_covariance(jacobian, residuals, readings, bread, mirrored=m)
-                for m in (False, True))  # fmt: skip
-        total = largest([total, *map(_positive, both)])
+    if robust and whole and codes_matter(jacobian, readings, bread, total, float(sigma)):
+        step = max(step for _, step in readings)
+        noise = max(sigma**2 - step**2 / 12.0, 0.0)
+        # whether it is symmetric is not known: both are tried, the larger counts
+        middles = (
+            code_errors(
+                jacobian, residuals, readings, bread, noise,
+                apart=local_unknowns > 0, mirrored=mirrored,
+            )
+            for mirrored in (False, True)
+        )  # fmt: skip
+        rest = total * (noise / sigma**2)
+        total = largest([_positive(bread @ middle @ bread) + rest for middle in middles])
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
 
@@ -357,12 +365,8 @@ def score_covariance(
     channels
         Per experiment the rows of every channel; shorter ones are centred on the first.
     """
-    stacked = np.vstack(jacobian)
-    p = stacked.shape[1]
-    scale = np.linalg.norm(stacked, axis=0)
-    blind = scale == 0.0
-    scale[blind] = 1.0
-    bread = np.linalg.pinv((stacked / scale).T @ (stacked / scale)) / np.outer(scale, scale)
+    bread, blind = inverse_information(np.vstack(jacobian))
+    p = len(bread)
     middle = np.zeros((p, p))
     samples, cost = 0, 0.0
     for j, r, rows in zip(jacobian, residuals, channels):
