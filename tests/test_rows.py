@@ -26,4 +26,4 @@ def test_more_samples_than_a_fit_takes_are_refused(monkeypatch):
     dataset = load_dataset("valve")
     with pytest.raises(LogError, match="100 at most") as refused:
         fit("valve", dataset.read(), **dataset.options)
-    assert "--window" in str(refused.value)
+    assert "window" in str(refused.value)
