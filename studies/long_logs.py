@@ -2,7 +2,7 @@
 """Long logs: memory and processor time of one fit over the number of rows.
 
     python -m studies.long_logs --rows 1e5 1e6 1e7 --results FILE
-    python -m studies.long_logs --rows 1e5 1e6 1e7 1e8 --kind "even Parquet" --results FILE --write
+    python -m studies.long_logs --rows 1e5 1e6 1e7 2e7 --kind "even Parquet" --results FILE --write
 
 The input of every plant is held between random levels, so that its response is known in closed
 form, mode by mode, at any instant: nothing of the estimator makes these logs. They are written
@@ -44,11 +44,9 @@ CSV, the quickest of three. The exponent is that of the time over the rows, from
 this one; over all rows of a log it stands in the second table. `deviations` is the largest of the
 parameters from the truth, in standard errors.
 
-Of a log of more than 2^20 rows the instants and the residuals are made where they are needed, block
-by block, and so are the derivatives where rows times parameters exceed 2^27 and the columns of the
-model where they exceed 2^24: all that is kept of each row is input, output and simulation, 24
-bytes, and the time while the log is read. That takes the examinations of such a log several times
-as long. A potentiometer keeps each distinct reading beside them, with how many samples have it,
+A fit keeps every row of its logs, the derivatives by the parameters among them, some 100 to 200
+bytes a row, and takes 2*10^7 samples at most. A potentiometer keeps each distinct reading beside
+them, with how many samples have it,
 their mean and their scatter: little for the readings of a converter, as here, but some 150 bytes a
 row where hardly two readings are alike.
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .rows import Array as Array
 from .rows import BoolArray as BoolArray
 from .rows import FloatArray as FloatArray
-from .rows import blocks, is_even
+from .rows import blocks
 from .units import after_number
 
 IndexArray = npt.NDArray[np.integer[Any]]
@@ -21,9 +21,7 @@ Hold = Literal["zoh", "foh", "smooth", "auto"]
 
 def is_finite(values: FloatArray) -> bool:
     """Return whether all numbers of a record are finite; shape ``(n,)``."""
-    return is_even(values) or all(
-        bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0])
-    )
+    return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
 
 
 def where_finite(values: FloatArray) -> BoolArray:

@@ -40,6 +40,7 @@ from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
 
+_MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 200 bytes of each
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
 
@@ -368,6 +369,13 @@ def _solve(
 ) -> Solution[FamilyOptions]:
     """Let the family fit; where the arithmetic fails, the data are to blame."""
     samples = sum(e.samples for e in experiments)
+    if samples > _MOST_SAMPLES:
+        raise LogError(
+            f"the logs hold {samples} samples",
+            expected=f"A fit takes {_MOST_SAMPLES} at most. Nothing was written.",
+            remedy="Fit a part (--window), or fewer logs: that many samples of the same motion "
+            "say no more about the machine.",
+        )
     try:
         with _blaming_the_numbers(), counting(samples) as price:
             found = family.estimate(variant, experiments, request)

@@ -14,7 +14,7 @@ from .experiment import Experiment, FloatArray, all_of, where_finite
 from .family import FamilyOptions, Quantity, Simulated, Solution, StaticView, Variant
 from .parameters.document import ParameterDocument
 from .presentation import Presented
-from .rows import blocks, by_rows
+from .rows import blocks
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,8 @@ class Simulation:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out.
-
-        Of a long record it is made where it is asked for (:mod:`.rows`).
-        """
-        return by_rows(np.subtract, self.measured, self.simulated)
+        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
+        return self.measured - self.simulated
 
     @property
     def others(self) -> dict[str, tuple[FloatArray, FloatArray]]:

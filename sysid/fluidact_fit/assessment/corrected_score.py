@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..estimation.input_noise import left_information, make_filters
+from ..estimation.input_noise import left_information, make_filters, with_noise
 from ..estimation.least_squares import orthonormal, without
 from ..estimation.recursion import run_recursion
 from ..estimation.solution import FittedRun, differences
@@ -225,19 +225,10 @@ def _filters(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[Whiteni
 
 def _draws(at: Optimum) -> list[list[Experiment]]:
     """All runs, with noise added once for every draw."""
-    return [_draw(at, np.random.default_rng(seed)) for seed in range(_DRAWS)]
-
-
-def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:
-    """All runs with noise added; the level that one starts from belongs to its offset."""
-    out = []
-    for e in at.experiments:
-        for role, noise in at.solution.noise.inputs.items():
-            drawn = noise.sigma * rng.standard_normal(e.signals[role].values.size)
-            drawn[0] = 0.0
-            e = e.with_readings(role, e.signals[role].values + drawn)
-        out.append(e)
-    return out
+    inputs = at.solution.noise.inputs
+    return [
+        with_noise(at.experiments, inputs, np.random.default_rng(seed)) for seed in range(_DRAWS)
+    ]
 
 
 def _response(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[FloatArray]:

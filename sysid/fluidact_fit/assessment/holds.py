@@ -21,9 +21,7 @@ from ..units import as_share
 from . import policy
 from .optimum import Optimum
 
-_MOVING = 0.2  # part of the samples in which a command moves that may not be held
 _ROUNDS = 3  # Gauss-Newton steps under another hold
-_JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples of all runs together, beyond which no other hold is tried
 _WORDS: dict[Hold, str] = {
     "zoh": "held between its samples",
@@ -182,5 +180,5 @@ def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> boo
     values = [s.experiment.signals[role].values for s in fitted]
     span = max(float(np.ptp(v)) for v in values)
     steps = np.abs(np.concatenate([np.diff(v) for v in values]))
-    jumps = bool(steps.max(initial=0.0) > _JUMP * span)
-    return jumps if hold != "zoh" else not jumps and float(np.mean(steps > 0.0)) > _MOVING
+    jumps = bool(steps.max(initial=0.0) > policy.HOLD_JUMP * span)
+    return jumps if hold != "zoh" else not jumps and float(np.mean(steps > 0.0)) > policy.HOLD_MOVES

@@ -26,7 +26,7 @@ from ..errors import Notice
 from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
-from ..rows import blocks, is_kept, square_sum
+from ..rows import square_sum
 from . import policy
 from .corrected_score import whitened
 from .optimum import Optimum
@@ -117,11 +117,9 @@ def _contribution(
     for j, r in zip(jacobians, residuals, strict=True):
         a, b = max(begin - first, 0), min(end - first, r.size)
         if a < b:
-            some, left = j[a:b], r[a:b]
-            for part in [slice(0, b - a)] if is_kept(some) else list(blocks(b - a)):
-                weights = some[part] @ bread
-                total += left[part] @ weights
-                square += np.einsum("ij,ij->j", weights, weights)
+            weights = j[a:b] @ bread
+            total += r[a:b] @ weights
+            square += np.einsum("ij,ij->j", weights, weights)
         first += r.size
     return total, square
 

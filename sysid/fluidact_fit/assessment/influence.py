@@ -33,7 +33,6 @@ from .optimum import Optimum
 
 _LISTED = 5
 _WIDE = 2  # samples that an outlier may be wide
-_MOST = 100  # outliers: more are not few
 
 
 @dataclass(frozen=True)
@@ -268,7 +267,7 @@ def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | N
 
 def most_outliers(samples: int) -> int:
     """Largest number of that many samples that can be outliers."""
-    return int(min(_MOST, max(3, policy.OUTLIER_SHARE * samples)))
+    return int(min(policy.OUTLIERS, max(3, policy.OUTLIER_SHARE * samples)))
 
 
 def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:

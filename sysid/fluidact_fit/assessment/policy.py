@@ -1,4 +1,4 @@
-"""Thresholds of the examination: when a warning is raised, in one table.
+"""Thresholds of the examination: when a warning is raised, or a cause named, in one table.
 
 Those of warnings that a family or an estimator gives stand in their modules, as do the tolerances
 of algorithms.
@@ -87,6 +87,8 @@ FAR = _declare(
 OUTLIER_SHARE = _declare(
     "outlier_share", 0.005, "largest part of the samples that can be outliers",
     _INFLUENCE)
+OUTLIERS = _declare(
+    "outliers", 100, "samples: more are not few", _INFLUENCE)
 OUTLIER_LEVERAGE = _declare(
     "outlier_leverage",
     0.05, "leverage beyond which a sample holds a parameter that no other does", _INFLUENCE)
@@ -135,6 +137,54 @@ HOLD_EXPLAINS = _declare(
     "hold_explains",
     0.7, "part of the residual that another hold leaves at most where forces are in it",
     "tests/families/test_transfer.py")
+HOLD_MOVES = _declare(
+    "hold_moves", 0.2, "part of the samples in which a command moves that may not be held",
+    "tests/families/test_transfer.py")
+HOLD_JUMP = _declare(
+    "hold_jump", 0.25, "part of its range that an input crosses in one sample when it jumps",
+    "tests/families/test_transfer.py")
+# causes that are named where a fit is refused
+_CAUSES = "tests/assessment/test_refusal_causes.py"
+CAUSE_SAMPLES = _declare(
+    "cause_samples", 200, "samples of a log that shows a cause", _CAUSES)
+SWAPPED = _declare(
+    "swapped", 4.0, "times as much that follows as precedes, where columns are swapped", _CAUSES)
+LEADS_AGREE = _declare(
+    "leads_agree", 0.5, "part of the largest correlation, from which on two signals agree", _CAUSES)
+LEADS_LATER = _declare(
+    "leads_later", 3.0, "times the other lag that a lag is, where it tells which is first", _CAUSES)
+LEADS_CHANCE = _declare(
+    "leads_chance", 5.0, "standard deviations of a correlation by chance", _CAUSES)
+SIGN_CORRELATION = _declare(
+    "sign_correlation", 0.5, "correlation with the input that tells its sign", _CAUSES)
+SIGN_ASIDE = _declare(
+    "sign_aside", 0.8, "part of it that output and change of the output may have of the other sign",
+    _CAUSES)
+SIDES_DIFFER = _declare(
+    "sides_differ", 1.5, "times the response to the other sign, which equal sides do not give",
+    _CAUSES)
+ONE_SIGNAL = _declare(
+    "one_signal", 0.004, "part of its range by which two sensors of one quantity differ", _CAUSES)
+WRAP_JUMPS = _declare(
+    "wrap_jumps", 0.6, "part of its range that a counter jumps by where it begins again", _CAUSES)
+WRAP_OTHERWISE = _declare(
+    "wrap_otherwise", 0.2, "part of its range, below which all other steps of a counter are",
+    _CAUSES)
+WRAP_BEYOND = _declare(
+    "wrap_beyond", 1.1, "times its range, over which a counter goes on without its jumps", _CAUSES)
+SAME_NOISE = _declare(
+    "same_noise", 6.0, "standard deviations within which a value is the same", _CAUSES)
+SAME_BAND = _declare(
+    "same_band", 0.01, "part of its range within which a value is the same", _CAUSES)
+STOP_SAMPLES = _declare(
+    "stop_samples", 0.05, "part of the samples at one end of the range, where there is a stop",
+    _CAUSES)
+STOP_INPUT = _declare(
+    "stop_input", 0.25, "part of its range that the input changes meanwhile", _CAUSES)
+STOP_MOVING = _declare(
+    "stop_moving", 0.05, "part of the largest speed, at which something moves", _CAUSES)
+STOP_PUSHED = _declare(
+    "stop_pushed", 0.2, "part of that time, in which the input would move it elsewhere", _CAUSES)
 # numbers that no actuator has
 _UNITS = "tests/assessment/test_implausible.py"
 LARGEST_AREA = _declare(

@@ -13,28 +13,11 @@ import numpy as np
 from ..estimation.noise import noise_floor
 from ..experiment import Experiment, FloatArray
 from ..family import Variant
+from . import policy
 
 _LAGS = range(1, 51)  # samples
-_LEAST = 200  # samples of a log that tells
-_AHEAD = 4.0  # times as much that follows as precedes, where a log is refused for it
-_AGREES = 0.5  # of the largest correlation, from which on two signals agree
-_LATER = 3  # times the lag one way, that the lag the other way is, where it tells which is first
-_CHANCE = 5.0  # standard deviations of a correlation by chance
-_NOISE = 6.0  # standard deviations within which a value is the same
-_BAND = 0.01  # of its range, the same of a channel without noise
 _SPEED = 5  # samples over which a change is taken
-_AT_END = 0.05  # of the samples, that are at one end
-_CHANGES = 0.25  # of its range, which an input changes while the output is there
-_MOVING = 0.05  # of the largest speed, at which something moves
-_PUSHED = 0.2  # of that time, in which it would move elsewhere
-_AGAINST = 0.5  # correlation of an input and the motion against it
 _SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
-_SIDES_DIFFER = 1.5  # times, from which on a model of equal sides is not determined
-_ASIDE = 0.8  # of it, that output and change of the output may have of the other sign
-_ALIKE = 0.004  # of its range, by which two sensors of one quantity differ
-_JUMP = 0.6  # of its range, which a counter that begins again jumps by at least
-_OTHERWISE = 0.2  # of its range, below which all other steps are
-_BEYOND = 1.1  # times its range, over which a counter goes on
 
 
 @dataclass(frozen=True)
@@ -73,7 +56,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
             )
     for role in (r.name for r in variant.driving):
         samples, end = _at_end(runs, role, output)
-        if samples > _AT_END * sum(e.samples for e in runs):
+        if samples > policy.STOP_SAMPLES * sum(e.samples for e in runs):
             text = next(e for e in runs if output in e).signals[output].text(end)
             yield Cause(
                 f"'{output}' stays at {text}, an end of its range, for {samples} samples while "
@@ -83,7 +66,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     sided = any(p.name.endswith(_SIDED) for p in variant.parameters)
     for role in (r.name for r in variant.driving):
         times = 1.0 if sided else _asymmetry(runs, role, output)
-        if times > _SIDES_DIFFER:
+        if times > policy.SIDES_DIFFER:
             yield Cause(
                 f"'{output}' answers {times:.2g} times as much to one sign of '{role}' as to the "
                 "other, which this model does not do, and",
@@ -103,13 +86,17 @@ def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
     """True if the changes of an input follow those of the output instead of preceding them."""
     ahead, behind, least = 0.0, 0.0, 0.0
     for e in runs:
-        if role not in e or output not in e or not e[role].size == e[output].size >= _LEAST:
+        if (
+            role not in e
+            or output not in e
+            or not e[role].size == e[output].size >= policy.CAUSE_SAMPLES
+        ):
             continue
         u, y = np.diff(e[role]), np.diff(e[output])
         ahead += float(np.sum(_correlations(u, y) ** 2))
         behind += float(np.sum(_correlations(y, u) ** 2))
         least += 3.0 * len(_LAGS) / u.size
-    return behind > max(_AHEAD * ahead, least)
+    return behind > max(policy.SWAPPED * ahead, least)
 
 
 def leads(first: FloatArray, second: FloatArray) -> bool | None:
@@ -119,18 +106,20 @@ def leads(first: FloatArray, second: FloatArray) -> bool | None:
     at others, too.
     """
     known = np.isfinite(first) & np.isfinite(second)
-    if np.count_nonzero(known) < _LEAST:
+    if np.count_nonzero(known) < policy.CAUSE_SAMPLES:
         return None
     u, y = np.diff(first[known]), np.diff(second[known])
     ahead, behind = np.abs(_correlations(u, y)), np.abs(_correlations(y, u))
     most = max(ahead.max(), behind.max())
-    if most < _CHANCE / np.sqrt(u.size):
+    if most < policy.LEADS_CHANCE / np.sqrt(u.size):
         return None
     one, other = (
-        int(np.argmax(x > _AGREES * most)) + 1 if x.max() > _AGREES * most else 4 * len(x)
+        int(np.argmax(x > policy.LEADS_AGREE * most)) + 1
+        if x.max() > policy.LEADS_AGREE * most
+        else 4 * len(x)
         for x in (ahead, behind)
     )
-    return one < other if max(one, other) >= _LATER * min(one, other) else None
+    return one < other if max(one, other) >= policy.LEADS_LATER * min(one, other) else None
 
 
 def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _LAGS) -> FloatArray:
@@ -171,7 +160,7 @@ def direction(u: FloatArray, y: FloatArray) -> int:
     with its input, its change goes to and fro; the change of a mass goes with its input, the way
     to and fro: what is nearest to the input counts.
     """
-    if not u.size == y.size >= _LEAST:
+    if not u.size == y.size >= policy.CAUSE_SAMPLES:
         return 0
     u, y = u - u.mean(), y - y.mean()
     speed = y[_SPEED:] - y[:-_SPEED]
@@ -181,7 +170,7 @@ def direction(u: FloatArray, y: FloatArray) -> int:
     for sign in (1, -1):
         most, least = float((sign * near).max()), float((-sign * near).max())
         aside = float((-sign * other).max())
-        if most > max(_AGAINST, 2.0 * least) and aside < _ASIDE * most:
+        if most > max(policy.SIGN_CORRELATION, 2.0 * least) and aside < policy.SIGN_ASIDE * most:
             return sign
     return 0
 
@@ -192,13 +181,13 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
     Means of large inputs of either sign, against the output without input; 1 where there is none.
     """
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST]
+    both = [(u, y) for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]
     answers = []
     for sign in (1.0, -1.0):
         top = max((float((sign * u).max()) for u, _ in both), default=0.0)
         gains = []
         for u, y in both:
-            large, rest = sign * u > 0.5 * top, np.abs(u) < _BAND * np.abs(u).max()
+            large, rest = sign * u > 0.5 * top, np.abs(u) < policy.SAME_BAND * np.abs(u).max()
             if top > 0.0 and large.any() and rest.any():
                 rise = float(y[large].mean() - y[rest].mean())
                 gains.append(rise / float(u[large].mean()))
@@ -210,9 +199,13 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
     """True if the output is the input at the very same sample, but for a factor and noise."""
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    both = [(u, y) for u, y in both if u.size == y.size >= _LEAST and np.ptp(u) > 0.0 < np.ptp(y)]
+    both = [
+        (u, y)
+        for u, y in both
+        if u.size == y.size >= policy.CAUSE_SAMPLES and np.ptp(u) > 0.0 < np.ptp(y)
+    ]
     return bool(both) and all(
-        np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - _ALIKE**2
+        np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - policy.ONE_SIGNAL**2
         and np.argmax(np.abs(_correlations(np.diff(u), np.diff(y), (0, *_LAGS)))) == 0
         for u, y in both
     )
@@ -224,17 +217,17 @@ def _turn(values: FloatArray) -> float:
     Its jumps are all of one size. Without them it goes on beyond its range; what a square wave
     is without its jumps has hardly any.
     """
-    if values.size < _LEAST:
+    if values.size < policy.CAUSE_SAMPLES:
         return 0.0
     steps, span = np.diff(values), float(np.ptp(values))
-    far = np.abs(steps) > _JUMP * span
+    far = np.abs(steps) > policy.WRAP_JUMPS * span
     if not far.any():
         return 0.0
     size = float(np.median(np.abs(steps[far])))
-    alike = float(np.ptp(np.abs(steps[far]))) < _OTHERWISE * span
-    small = float(np.abs(steps[~far]).max(initial=0.0)) < _OTHERWISE * span
+    alike = float(np.ptp(np.abs(steps[far]))) < policy.WRAP_OTHERWISE * span
+    small = float(np.abs(steps[~far]).max(initial=0.0)) < policy.WRAP_OTHERWISE * span
     goes_on = np.cumsum(np.where(far, steps - np.sign(steps) * size, steps))
-    return size if alike and small and np.ptp(goes_on) > _BEYOND * span else 0.0
+    return size if alike and small and np.ptp(goes_on) > policy.WRAP_BEYOND * span else 0.0
 
 
 def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, float]:
@@ -245,22 +238,27 @@ def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, fl
     """
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
     pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED])
-             for u, y in both if u.size == y.size >= _LEAST]  # fmt: skip
+             for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]  # fmt: skip
     if not pairs:
         return 0, 0.0
     u, y, speed = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-    near = max(_BAND * float(np.ptp(y)), *(_NOISE * noise_floor(values) for _, values, _ in pairs))
+    near = max(
+        policy.SAME_BAND * float(np.ptp(y)),
+        *(policy.SAME_NOISE * noise_floor(values) for _, values, _ in pairs),
+    )
     found = {}
     for way, end in ((-1.0, float(y.min())), (1.0, float(y.max()))):
         there = np.abs(y - end) < near
-        moving = ~there & (way * speed > _MOVING * np.abs(speed).max())
+        moving = ~there & (way * speed > policy.STOP_MOVING * np.abs(speed).max())
         if not moving.any():
             continue
         pushed, count = way * u > np.median(way * u[moving]), 0
         edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
         for first, stop in zip(edges[::2], edges[1::2], strict=True):
-            changes = np.ptp(u[first:stop]) > _CHANGES * np.ptp(u)
-            count += int(stop - first) * bool(changes and pushed[first:stop].mean() > _PUSHED)
+            changes = np.ptp(u[first:stop]) > policy.STOP_INPUT * np.ptp(u)
+            count += int(stop - first) * bool(
+                changes and pushed[first:stop].mean() > policy.STOP_PUSHED
+            )
         found[end] = count
     end = max(found, key=lambda x: found[x], default=0.0)
     return found.get(end, 0), end

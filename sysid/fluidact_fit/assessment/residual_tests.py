@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.input_noise import with_noise
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression, innovations, whiteness
 from ..experiment import FloatArray, all_of, where_finite
@@ -46,13 +47,8 @@ def _noise_through_model(
     """Mean square that noise of the inputs adds to the residual of every run."""
     if not solution.noise.inputs:
         return [0.0] * len(fitted)
-    rng = np.random.default_rng(0)
-    moved = []
-    for e in (s.experiment for s in fitted):
-        for role, noise in solution.noise.inputs.items():
-            x = e.signals[role].values
-            e = e.with_readings(role, x + noise.sigma * rng.standard_normal(x.size))
-        moved.append(e)
+    runs, rng = [s.experiment for s in fitted], np.random.default_rng(0)
+    moved = with_noise(runs, solution.noise.inputs, rng)
     again = family.simulate(solution.plant, moved)
     return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
 

@@ -18,7 +18,6 @@ from ..estimation.converter_errors import is_coarse
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
-from ..rows import is_kept
 from ..units import as_share
 from . import policy
 from .corrected_score import beside_copies
@@ -147,9 +146,7 @@ def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
     is not known then how large they could be without a word.
     """
     steps = [s.resolution for s in at.series]
-    if at.treatment or at.instruments or not all(map(is_kept, at.jacobians)):
-        return plain
-    if not is_coarse(max(steps), at.sigma):
+    if at.treatment or at.instruments or not is_coarse(max(steps), at.sigma):
         return plain
     if not plain.significant:
         return replace(plain, bounded=not at.is_less_certain(_QUANTISED))

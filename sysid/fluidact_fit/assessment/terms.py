@@ -20,7 +20,7 @@ from ..estimation.recursion import behind_play, run_recursion
 from ..experiment import Experiment, FloatArray, Signal, all_of
 from ..family import ParameterSpec
 from ..options import describe
-from ..rows import blocks, by_rows
+from ..rows import blocks
 from ..units import after_number, as_time
 from . import policy
 from .optimum import Optimum, Series, delayed, root_mean_square
@@ -148,7 +148,7 @@ def _drift(at: Optimum, role: str) -> Term:
     for s in at.series:
         t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
         since, size = t[0] if timed else 0.0, (s.role == role) / s.scale
-        columns.append(by_rows(partial(_ramp, since=since, size=size), all_of(t, s.used)))
+        columns.append((all_of(t, s.used) - since) * size)
     per = "a second" if timed else "from the first row of a log to the last"
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
@@ -157,10 +157,6 @@ def _drift(at: Optimum, role: str) -> Term:
         "Go back to the first position at the end and compare. In sorted rows, or in a single "
         "sweep, a drift cannot be told from the curve or from play.", columns,
     )  # fmt: skip
-
-
-def _ramp(t: FloatArray, since: float, size: float) -> FloatArray:
-    return (t - since) * size
 
 
 def _parameters(at: Optimum) -> Iterator[Term]:
@@ -266,7 +262,7 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
     begin: dict[int, float] = {}
     for e in at.experiments:
         begin[e.log] = min(float(e.time[0]), begin.get(e.log, np.inf))
-    drifting = [_ramp(all_of(s.experiment.time, s.used), begin[s.experiment.log], 1.0) * c
+    drifting = [(all_of(s.experiment.time, s.used) - begin[s.experiment.log]) * c
                 for s, c in zip(at.series, later, strict=True)]  # fmt: skip
     yield Term(f"clock of {role}", "1", more, _CLOCKS, drifting)
 

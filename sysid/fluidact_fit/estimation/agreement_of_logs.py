@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..rows import by_rows, square_sum
-from .blocks import products
+from ..rows import square_sum
 from .uncertainty import covariance
 
 
@@ -110,8 +109,8 @@ def _part(
     js = [j for j, log in zip(jacobian, logs) if log == k]
     rs = [r for r, log in zip(residuals, logs) if log == k]
     ys = [y for y, log in zip(readings, logs) if log == k]
-    squares, scores = zip(*(products(j, r) for j, r in zip(js, rs)))
-    information, score = np.sum(squares, axis=0), np.sum(scores, axis=0)
+    information = np.sum([j.T @ j for j in js], axis=0)
+    score = np.sum([j.T @ r for j, r in zip(js, rs)], axis=0)
     return _Part(information, score, covariance(js, rs, readings=ys).covariance, js, rs)
 
 
@@ -165,7 +164,5 @@ def _drift(
 
 def _predicted_error(parts: dict[int, _Part], k: int) -> float:
     part, step = parts[k], _pooled(parts, k)[2]
-    errors = [
-        by_rows(lambda j, r: r - j @ step, j, r) for j, r in zip(part.jacobian, part.residual)
-    ]
+    errors = [r - j @ step for j, r in zip(part.jacobian, part.residual)]
     return float(np.sqrt(sum(map(square_sum, errors)) / sum(e.size for e in errors)))

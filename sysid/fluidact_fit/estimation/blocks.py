@@ -26,7 +26,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from ..experiment import FloatArray
-from ..rows import blocks, by_rows, is_kept, remembered, side_by_side
+from ..rows import blocks
 
 _APART = 1e-7  # least part of a column that the ones before leave, to divide by a triangle
 _SMALL = 900_000  # multiplications up to which BLAS takes a product for small
@@ -71,31 +71,8 @@ def condense(tables: Iterable[FloatArray]) -> FloatArray:
 
 
 def condensed(tables: Sequence[FloatArray]) -> FloatArray:
-    """`condense` of all rows of some tables; of one that is not kept it is remembered."""
-    if len(tables) != 1 or is_kept(tables[0]):
-        return condense(rows_of(tables))
-    (rows,) = tables
-    known = remembered(rows)
-    if "condensed" not in known:
-        known["condensed"] = condense(rows_of(tables))
-    found: FloatArray = known["condensed"]
-    return found
-
-
-def products(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``left' left`` and ``left' right`` of shapes ``(n, p)`` and ``(n,)``; in one go if not kept.
-
-    What else is asked of them later, the triangle and the sum of squares, comes along.
-    """
-    if is_kept(left):
-        return left.T @ left, left.T @ right
-    both = by_rows(side_by_side, left, right)
-    table = condense(rows_of([both]))
-    triangle, last = table[:, :-1], table[:, -1]
-    remembered(left)["condensed"] = triangle
-    if not is_kept(right):
-        remembered(right)["squares"] = float(last @ last)
-    return triangle.T @ triangle, triangle.T @ last
+    """`condense` of all rows of some tables."""
+    return condense(rows_of(tables))
 
 
 class _Condensed:

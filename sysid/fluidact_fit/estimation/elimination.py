@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import Rows, Streamed, is_repeated, may_keep, may_keep_aside, side_by_side
+from ..rows import is_repeated, side_by_side
 from .blocks import condense
 from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
 from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
 
 
-def placed(pieces: Iterator[Basis]) -> Iterator[tuple[slice, Basis]]:
+def placed(pieces: Sequence[Basis]) -> Iterator[tuple[slice, Basis]]:
     """Consecutive pieces with the rows that they hold."""
     begin = 0
     for piece in pieces:
@@ -71,60 +70,28 @@ class Eliminated:
     def __init__(self, problem: Problem, eta: FloatArray) -> None:
         self.problem = problem
         self.eta = eta
-        self._kept: dict[int, list[Basis]] = {}
-        self._numbers = 0  # kept
+        self.pieces = [list(problem.pieces(i, eta)) for i in range(len(problem.measured))]
         self.tables = [self._table(i) for i in range(len(problem.measured))]
         self.linear, self.linear_active = self._solve_shared()
         rest = [t.projected[:, -1] - t.projected[:, :-1] @ self.linear for t in self.tables]
         cost = float(sum(float(r @ r) for r in rest))
         self.cost = cost if np.isfinite(cost) else np.inf
 
-    def is_whole(self, index: int) -> bool:
-        """Return whether an experiment is of a single piece."""
-        return len(self._kept.get(index, ())) == 1
-
-    def has(self, index: int) -> bool:
-        """Return whether the columns of an experiment are kept."""
-        return index in self._kept
-
-    def pieces(self, index: int) -> Iterator[Basis]:
-        """Columns of one experiment; those that are kept are not computed again."""
-        if self.has(index):
-            return iter(self._kept[index])
-        return self.problem.pieces(index, self.eta)
-
     def simulate(self) -> list[FloatArray]:
         """Output of the model for every experiment."""
         return [
             np.concatenate([b.known + b.shared @ self.linear + b.local @ local
-                            for b in self.pieces(index)])
+                            for b in self.pieces[index]])
             for index, local in enumerate(self.local)
         ]  # fmt: skip
 
     def _table(self, index: int) -> _Table:
-        pieces = self.problem.pieces(index, self.eta)
-        first = next(pieces)
-
-        def tables() -> Iterator[FloatArray]:
-            for at, b in placed(self._keep(index, chain((first,), pieces))):
-                rest = self.problem.measured[index][at] - b.known
-                columns = side_by_side(b.local, b.shared, rest)
-                yield self.problem.weigh(index, columns, at)
-
-        return _Table.of(tables(), first.local.shape[1])
-
-    def _keep(self, index: int, pieces: Iterator[Basis]) -> Iterator[Basis]:
-        """Pieces as they come; they are kept if there is room for all, or one is all there is."""
-        kept, numbers = list[Basis](), self._numbers
-        for count, piece in enumerate(pieces):
-            numbers += sum(x.size for x in piece.columns if not is_repeated(x))
-            if count == 0 or may_keep_aside(numbers):
-                kept.append(piece)
-            else:
-                kept.clear()
-            yield piece
-        if kept:
-            self._kept[index], self._numbers = kept, numbers
+        pieces, measured = self.pieces[index], self.problem.measured[index]
+        tables = (
+            self.problem.weigh(index, side_by_side(b.local, b.shared, measured[at] - b.known), at)
+            for at, b in placed(pieces)
+        )
+        return _Table.of(tables, pieces[0].local.shape[1])
 
     def _solve_shared(self) -> tuple[FloatArray, BoolArray]:
         """Shared linear unknowns by bounded least squares (active set)."""
@@ -143,15 +110,13 @@ class Eliminated:
 class Tangent:
     """Derivatives of the model by ``eta`` at a fit.
 
-    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``; it is
-    empty where there are too many to be kept. ``tables`` holds them between shared columns and
-    rest.
+    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
+    ``tables`` holds them between shared columns and rest.
     """
 
     def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
         unknowns = fit.eta.size + fit.linear.size
-        kept = may_keep(fit.problem.rows * unknowns)
-        self.raw = [np.empty((unknowns, y.shape[0])).T for y in fit.problem.measured if kept]
+        self.raw = [np.empty((unknowns, y.shape[0])).T for y in fit.problem.measured]
         self.move(fit, scales)
 
     def move(self, fit: Eliminated, scales: FloatArray) -> None:
@@ -159,15 +124,14 @@ class Tangent:
         self.fit, self.scales = fit, scales
         self.tables = [
             # the local columns of a single piece are those of the fit
-            _Table.of(self._rows(i), t.local.shape[1], t.own if fit.is_whole(i) else None)
+            _Table.of(self._rows(i), t.local.shape[1], t.own if len(fit.pieces[i]) == 1 else None)
             for i, t in enumerate(fit.tables)
         ]
 
     def _rows(self, index: int) -> Iterator[FloatArray]:
         p = self.fit.eta.size
         for at, table in _weighed(self.fit, self.scales, index):
-            if self.raw:
-                self.raw[index][at, :p] = table[:, -1 - p : -1]
+            self.raw[index][at, :p] = table[:, -1 - p : -1]
             yield table
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
@@ -181,16 +145,13 @@ class Tangent:
     def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
         """Residuals and Jacobian of one experiment at a fit close by.
 
-        The derivatives turn into the Jacobian: there is no room for both. Those that were not kept
-        are made again whenever some rows are asked for.
+        The derivatives turn into the Jacobian: of a long record there is no room for both.
         """
         p = fit.eta.size
         by_local = np.column_stack((
             self.tables[index].explained[:, fit.linear.size : -1],
             fit.tables[index].explained[:, :-1],
         ))  # fmt: skip
-        if not self.raw:
-            return _remade(self.fit, self.scales, fit, index, by_local)
         jacobian = self.raw[index]
         residuals = np.empty(jacobian.shape[0])
         for at, local, shared, rest in _left(fit, index):
@@ -200,29 +161,12 @@ class Tangent:
         return residuals, jacobian
 
 
-def _remade(
-    start: Eliminated, scales: FloatArray, fit: Eliminated, index: int, by_local: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Residuals and Jacobian at a fit, of the derivatives at a start close by; none is kept."""
-    p, n = fit.eta.size, fit.problem.measured[index].shape[0]
-
-    def make() -> Iterator[FloatArray]:
-        both = zip(_weighed(start, scales, index), _left(fit, index), strict=True)
-        for (_, table), (_, local, shared, rest) in both:
-            jacobian = side_by_side(table[:, -1 - p : -1], shared)
-            jacobian -= (by_local.T @ local.T).T
-            yield side_by_side(jacobian, rest)
-
-    table = Rows((n, p + fit.linear.size + 1), Streamed(make).cut)
-    return table[:, -1], table[:, :-1]
-
-
 def _left(
     fit: Eliminated, index: int
 ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
     """Rows, their weighed local and shared columns, and what a fit leaves, piece by piece."""
     problem = fit.problem
-    for at, b in placed(fit.pieces(index)):
+    for at, b in placed(fit.pieces[index]):
         simulated = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
         rest = problem.measured[index][at] - simulated
         rows = problem.weigh(index, side_by_side(b.local, b.shared, rest), at)
@@ -253,12 +197,5 @@ def _sloped(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[B
         yield own(index, eta)
         return
     turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
-    if fit.has(index) or not turned:
-        turned.insert(0, fit.pieces(index))
-        for at, *moved in zip(*turned, strict=True):
-            yield at, slopes_of(at, moved, steps)
-        return
-    for first, *others in zip(*turned, strict=True):
-        # so small a step changes no digit of a real part
-        at = Basis(np.real(first.known), np.real(first.shared), np.real(first.local))
-        yield at, slopes_of(at, (first, *others), steps)
+    for at, *moved in zip(fit.pieces[index], *turned, strict=True):
+        yield at, slopes_of(at, moved, steps)

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..rows import is_even, part_of
 
 SAME_STEP = 1e-9  # steps closer than this share of the median step count as equal
 
@@ -29,8 +28,7 @@ class Grid:
 
     def part(self, first: int, last: int) -> Grid:
         """The instants from one to another, both included."""
-        instants = part_of(self.instants, first, last + 1)
-        return Grid(instants, self.distinct, self.which[first:last])
+        return Grid(self.instants[first : last + 1], self.distinct, self.which[first:last])
 
     @property
     def unit(self) -> float:
@@ -60,9 +58,6 @@ def _all_first(count: int) -> npt.NDArray[np.integer[Any]]:
 
 def make_grid(instants: FloatArray) -> Grid:
     """Group the steps of a sequence of instants, shape ``(m + 1,)`` [s]."""
-    if is_even(instants):
-        mean = float(instants[-1] - instants[0]) / (instants.size - 1)
-        return Grid(instants, np.array([mean]), _all_first(instants.size - 1))
     steps = np.diff(instants)
     mean = float(instants[-1] - instants[0]) / max(steps.size, 1)
     if steps.size and float(np.ptp(steps)) <= 1e-6 * mean:

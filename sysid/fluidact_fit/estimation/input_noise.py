@@ -27,17 +27,18 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..experiment import Array, Experiment, FloatArray, Signal
+from ..specification import NoiseLevel
 from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, StationaryPoint
-from .separable import evaluate, score
+from .separable import Score, evaluate, score
 from .whitening import Whitening, autoregression_from_rest, causal_filter
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
@@ -72,6 +73,23 @@ def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
         for role, s in first.signals.items()
         if s.hold is not None and all(e.signals[role].time.size > 1 for e in experiments)
     ]
+
+
+def with_noise(
+    experiments: Sequence[Experiment], inputs: Mapping[str, NoiseLevel], rng: np.random.Generator
+) -> list[Experiment]:
+    """The runs with as much noise on their inputs once more.
+
+    The level that a run starts from stays: it belongs to the offset.
+    """
+    out = []
+    for e in experiments:
+        for role, noise in inputs.items():
+            drawn = noise.sigma * rng.standard_normal(e.signals[role].values.size)
+            drawn[0] = 0.0
+            e = e.with_readings(role, e.signals[role].values + drawn)
+        out.append(e)
+    return out
 
 
 @dataclass(frozen=True)
@@ -162,9 +180,9 @@ class InputNoise:
 
         ``errors``, shape ``(p,)``, are the standard errors without it.
         """
-        base = _score(build(self.experiments, ()), eta)
+        base = score(build(self.experiments, ()), eta)
         steps = np.array([
-            [base.solve(_score(build(self.add(k, f), ()), eta).slope - base.slope)
+            [base.solve(score(build(self.add(k, f), ()), eta).slope - base.slope)
              for f in (1.0, -1.0)] for k in range(_FEW)
         ])  # fmt: skip
         even, odd = 0.5 * (steps[:, 0] + steps[:, 1]), 0.5 * (steps[:, 0] - steps[:, 1])
@@ -269,26 +287,6 @@ def _likelihood(
 
 
 @dataclass(frozen=True)
-class _Score:
-    """``J' r``, shape ``(p,)``, ``J' J``, shape ``(p, p)``, and the sum of ``r' r``."""
-
-    slope: FloatArray
-    curvature: FloatArray
-    cost: float
-
-    def solve(self, slope: FloatArray) -> FloatArray:
-        """Gauss-Newton step for a score."""
-        d = np.sqrt(np.maximum(np.diag(self.curvature), 1e-300))
-        inner = np.linalg.lstsq(self.curvature / np.outer(d, d), slope / d, rcond=1e-12)[0]
-        return np.asarray(inner / d)
-
-
-def _score(problem: Problem, eta: FloatArray) -> _Score:
-    """Score of the nonlinear unknowns, all linear ones projected out."""
-    return _Score(*score(problem, eta))
-
-
-@dataclass(frozen=True)
 class Corrected:
     """A consistent estimate from inputs with noise.
 
@@ -335,7 +333,7 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
     if np.all(np.abs(found.bias) < _SMALL * np.sqrt(np.diag(found.covariance))):
         return found
     focused = noise.focused(whitening)
-    base = _score(build(noise.experiments, focused), found.eta)
+    base = score(build(noise.experiments, focused), found.eta)
     larger = _disturbed(noise, build, focused, np.sqrt(2.0))
     more = np.mean([a.slope for a in _added(base, larger, found.eta)], axis=0)
     left = 0.5 * np.linalg.solve(found.information, more) - found.bias
@@ -363,13 +361,13 @@ def _correct(
     length = now = np.inf
     few = _FEW if np.isfinite(leave) else len(disturbed)
     for _ in range(_STEPS):
-        base = _score(problem, eta)
+        base = score(problem, eta)
         if now > _FAR:  # what the noise adds hardly changes within part of a standard error
             added = _added(base, disturbed[:few], eta)
         curvature, weak = left_information(
             base.curvature, [a.curvature for a in added], noise.relative
         )
-        target = _Score(base.slope, curvature, base.cost)
+        target = Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
         # all rows, focused or not: these are on the small side, and the end is the stricter for it
         scale = base.cost / max(rows - eta.size, 1)
@@ -415,7 +413,7 @@ def _spread(
     Draws of the noise of input and output, as :func:`make_filters` found them, show what that does.
     """
     if noise.linear:
-        return _score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature
+        return score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature
     base = _outputs(build, noise.experiments, eta)
     jacobian = evaluate(build(noise.experiments, whitening), eta).jacobian
     rng = np.random.default_rng(noise.seed)
@@ -454,13 +452,13 @@ def _disturbed(
 
 
 def _added(
-    base: _Score, disturbed: Sequence[tuple[Problem, Problem]], eta: FloatArray
-) -> list[_Score]:
+    base: Score, disturbed: Sequence[tuple[Problem, Problem]], eta: FloatArray
+) -> list[Score]:
     """Contribution of every noise draw to the score and its curvature, odd parts cancelled."""
     out = []
     for up, down in disturbed:
-        a, b = _score(up, eta), _score(down, eta)
-        out.append(_Score(
+        a, b = score(up, eta), score(down, eta)
+        out.append(Score(
             0.5 * (a.slope + b.slope) - base.slope,
             0.5 * (a.curvature + b.curvature) - base.curvature, 0.0,
         ))  # fmt: skip

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
-from ..rows import by_rows, made
 from .noise import white_level
 from .spline import FEWEST, cubic_pieces
 
@@ -130,23 +129,16 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     level
         Level of rest that is subtracted [unit of the signal].
     """
-    time, values, n = signal.time, signal.values, signal.values.size
+    time, values = signal.time, signal.values
     if level:
-        values = by_rows(lambda v: v - level, values)
+        values = values - level
     kind = settled_hold(signal)
     if kind == "zoh":
-        return PiecewiseInput(time, by_rows(lambda v: v[:, None], values))
-
-    def lines(begin: int, end: int) -> FloatArray:
-        some, until = values[begin : end + 1], time[begin : end + 1]
-        slope = np.diff(some) / np.diff(until)
-        slope = np.append(slope, 0.0) if end == n else slope
-        return np.column_stack((some[: end - begin], slope))
-
+        return PiecewiseInput(time, values[:, None])
+    straight = np.column_stack((values, np.append(np.diff(values) / np.diff(time), 0.0)))
     if kind == "foh":
-        straight = made((n, 2), lines)
         return PiecewiseInput(time, straight)
-    return PiecewiseInput(time, _smooth_pieces(np.asarray(time), lines(0, n)))
+    return PiecewiseInput(time, _smooth_pieces(time, straight))
 
 
 def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:

@@ -69,6 +69,13 @@ def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> 
     return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
 
 
+def solve_normal(normal: FloatArray, right: FloatArray, rcond: float = 1e-12) -> FloatArray:
+    """Solve normal equations ``(q, q)`` of unknowns of any size; the shortest where singular."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    found = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=rcond)[0]
+    return np.asarray(found / scale)
+
+
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, BoolArray]:

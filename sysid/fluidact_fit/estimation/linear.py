@@ -28,7 +28,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import Array, FloatArray
-from ..rows import part_of
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
 from .recursion import BlockRecursion, orbit, scan
@@ -349,7 +348,7 @@ def _even_pieces(
         else:
             states = run(some, nodes.part(first, last), state)
             state = states[-1]
-            instants = part_of(samples.instants, begin, part.stop)
+            instants = samples.instants[begin : part.stop]
             y = _even_output(a, b, c, some, states, at, (instants, dead_time), late)
         # nothing acts before
         yield y if begin == part.start else np.concatenate((np.zeros(begin - part.start), y))
@@ -389,13 +388,13 @@ def _between(
 ) -> PiecewiseInput:
     """An input from one node to another, both included, as it is shaped."""
     if shape is None:
-        nodes = part_of(u.nodes, first, last + 1)
+        nodes = u.nodes[first : last + 1]
         return PiecewiseInput(nodes, u.coefficients[first : last + 1])
     # what happens before a node depends on the value at it
-    nodes = part_of(u.nodes, first, min(last + 2, u.nodes.size))
+    nodes = u.nodes[first : last + 2]
     some = shape(PiecewiseInput(nodes, u.coefficients[first : last + 2]))
     count = last + 1 - first
-    nodes = part_of(some.nodes, 0, count)
+    nodes = some.nodes[0:count]
     return PiecewiseInput(nodes, some.coefficients[:count], some.kinks)
 
 

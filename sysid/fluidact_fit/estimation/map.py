@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, by_rows, square_sum
+from ..rows import blocks, square_sum
 from .minimise import Minimum, minimise
 from .motion_state import running_median
 from .price import exhausted, simulated
@@ -69,16 +69,16 @@ class MapRows:
         return MapRows(self.x[index], self.y[index], self.count[index])
 
     def residual(self, fit: MapFit) -> FloatArray:
-        """Residual of the rows, shape ``(n,)``; of long records made where asked for."""
-        return by_rows(lambda x, y: y - fit.model.value(fit.theta, x), self.x, self.y)
+        """Residual of the rows, shape ``(n,)``."""
+        return self.y - fit.model.value(fit.theta, self.x)
 
     def slopes(self, fit: MapFit) -> FloatArray:
         """Derivatives by its unknowns that are not on a bound, shape ``(n, q)``."""
-        return by_rows(lambda x: fit.model.slopes(fit.theta, x)[:, fit.free], self.x)
+        return fit.model.slopes(fit.theta, self.x)[:, fit.free]
 
     def squares(self, fit: MapFit) -> float:
         """Weighted sum of squared residuals."""
-        return square_sum(by_rows(lambda r, n: r * np.sqrt(n), self.residual(fit), self.count))
+        return square_sum(self.residual(fit) * np.sqrt(self.count))
 
 
 @dataclass(frozen=True)

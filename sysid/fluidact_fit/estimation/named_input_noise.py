@@ -70,7 +70,7 @@ def correct_named(
     level = NoiseLevel(noise.sigma, noise.relative)
     return replace(
         fitted, values=values, names=solved.names, covariance=solved.covariance, intervals={},
-        refused=done.refused, order=-1, input_noise={noise.role: level},
+        refused=done.refused, from_scores=True, input_noise={noise.role: level},
         notices=[*kept, *done.notices, *_notices(noise, solved, found, fitted.values)],
     )  # fmt: skip
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..experiment import Array, FloatArray
-from ..rows import by_rows
 from ..specification import ParameterSpec, Request
 from .map import (
     DirectionEffect,
@@ -180,7 +179,7 @@ def fit_named_map(
         found = solve(held)
         model = NamedMap(law, tuple(n for n in table if n not in held), held, ranges)
         # a value on a bound has a derivative to one side, and an interval that the bound cuts
-        jacobian = by_rows(lambda x: model.slopes(found.theta, x), data.x)
+        jacobian = model.slopes(found.theta, data.x)
         rest = data.rows.residual(found)
         misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
         spread = find_uncertainty(

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..options import FamilyOptions
-from ..rows import by_rows, square_sum
+from ..rows import square_sum
 from ..specification import NoiseLevel, ParameterSpec, Request
 from ..units import after_number, as_share
 from .agreement_of_logs import LogDisagreement, compare_logs
@@ -27,7 +27,7 @@ from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import Search, settled, solve, solve_from
-from .uncertainty import covariance, t_quantile
+from .uncertainty import Uncertainty, covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
@@ -44,8 +44,10 @@ class Fitted(Solved):
     Attributes
     ----------
     order
-        Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`; below 0
-        the rows are not samples of the output alone, and :meth:`sensitivity` is empty.
+        Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`.
+    from_scores
+        Whether the covariance is that of the scores, and no model of the residuals is known: the
+        rows are not samples of the output alone, and :meth:`sensitivity` is empty.
     factors
         Weights by log that made its residuals as large as those of the others.
     logs
@@ -55,6 +57,7 @@ class Fitted(Solved):
     """
 
     order: int = 0
+    from_scores: bool = False
     search: Search = field(kw_only=True)
     solution: StationaryPoint = field(kw_only=True)
     specs: Mapping[str, ParameterSpec] = field(kw_only=True)
@@ -65,17 +68,12 @@ class Fitted(Solved):
     logs: Sequence[int] = ()
     input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
 
-    @property
-    def is_from_scores(self) -> bool:
-        """True if the covariance is that of the scores, and no model of the residuals is known."""
-        return self.order < 0
-
     def _reported(self) -> list[int]:
         return [k for k, n in enumerate(self.names) if n in self.specs]
 
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
-        if self.is_from_scores:
+        if self.from_scores:
             return []  # or the score was corrected for noise of an input
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
@@ -83,17 +81,17 @@ class Fitted(Solved):
         if other:
             table = condensed(parts)
             found = explain(table[:, kept], table[:, other])
-            parts = [by_rows(lambda x: x[:, kept] - x[:, other] @ found, j) for j in parts]
+            parts = [j[:, kept] - j[:, other] @ found for j in parts]
         if not self.factors:
             return list(parts)
-        return [by_rows(lambda x, by=self.factors[k]: x / by, j) for j, k in zip(parts, self.logs)]
+        return [j / self.factors[k] for j, k in zip(parts, self.logs)]
 
     def compare_logs(
         self, experiments: Sequence[Experiment]
     ) -> tuple[dict[str, Any], list[Notice]]:
         """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
         logs, kept = [e.log for e in experiments], self._reported()
-        if len(set(logs)) < 2 or not kept or self.is_from_scores:
+        if len(set(logs)) < 2 or not kept or self.from_scores:
             return {}, []
         label = {e.log: e.name.split("#")[0] for e in experiments}
         jacobian = [j[:, kept] for j in self.solution.jacobian]
@@ -128,7 +126,7 @@ class Fitted(Solved):
         """Noise model of the residuals, as the file says it."""
         if self.input_noise:
             return "scores corrected for the noise of an input"
-        if self.is_from_scores:
+        if self.from_scores:
             return "long-run variance of the scores"
         return f"autoregressive residuals of order {self.order}" if self.order else "white"
 
@@ -203,10 +201,11 @@ def fit_named(
     fitted = Fitted(
         values, solved.names, solved.covariance, solved.degrees, fixed, found.refused,
         independent=solved.independent,
-        order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
+        order=attempt.uncertainty.order, from_scores=attempt.uncertainty.from_scores,
+        search=attempt.search, solution=attempt.best, specs=by_name,
         unknowns=unknowns, notices=found.notices, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
-    if attempt.order < 0:
+    if fitted.from_scores:
         return fitted
     return replace(fitted, intervals=_examine_intervals(attempt, fitted))
 
@@ -252,7 +251,7 @@ class _Attempt:
     search: Search
     best: StationaryPoint
     factors: Mapping[int, float]
-    order: int
+    uncertainty: Uncertainty
     solved: Solved
 
 
@@ -282,7 +281,7 @@ def _attempt(
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
     solved = Solved(values, names, found.covariance, found.degrees, independent=found.independent)
-    return _Attempt(fair, held, search, best, factors, found.order, solved)
+    return _Attempt(fair, held, search, best, factors, found, solved)
 
 
 def _without_effect(

@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import by_rows, is_kept, square_sum
-from .blocks import products
+from ..rows import square_sum
 from .elimination import Eliminated, Tangent
+from .least_squares import solve_normal
 from .minimise import minimise
 from .price import exhausted
 from .problem import Problem, StationaryPoint, bounds_of
@@ -84,32 +84,33 @@ def solve(
     return _finish(found.point, at_end, on_bound, found.iterations, found.converged)
 
 
-def _value(problem: Problem, eta: FloatArray) -> Eliminated | None:
-    """The linear half at ``eta``; ``None`` where the model gives no finite numbers."""
-    try:
-        return Eliminated(problem, eta)
-    except np.linalg.LinAlgError:
-        return None
-
-
 def evaluate(problem: Problem, eta: FloatArray) -> StationaryPoint:
     """The linear half solved and the Jacobian taken at given ``eta``; nothing is moved."""
     return solve(problem, eta, max_iterations=0)
 
 
-def score(problem: Problem, eta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Of the nonlinear unknowns at given ``eta``, all linear ones projected out.
+@dataclass(frozen=True)
+class Score:
+    """Score of the nonlinear unknowns, all linear ones projected out.
 
-    Returns
-    -------
-    J'r, J'J : (p,), (p, p)
-        With ``J`` the derivatives of the model and ``r`` what it leaves of the measured.
-    cost
-        ``r'r``.
+    ``slope`` is ``J'r``, shape ``(p,)``, ``curvature`` ``J'J``, shape ``(p, p)``, and ``cost``
+    ``r'r``, with ``J`` the derivatives of the model and ``r`` what it leaves of the measured.
     """
+
+    slope: FloatArray
+    curvature: FloatArray
+    cost: float
+
+    def solve(self, slope: FloatArray) -> FloatArray:
+        """Gauss-Newton step for a score, shape ``(p,)``."""
+        return solve_normal(self.curvature, slope)
+
+
+def score(problem: Problem, eta: FloatArray) -> Score:
+    """Score at given ``eta``."""
     fit = Eliminated(problem, eta)
     j, r = Tangent(fit, np.array([u.scale for u in problem.nonlinear])).normal()
-    return j.T @ r, j.T @ j, fit.cost
+    return Score(j.T @ r, j.T @ j, fit.cost)
 
 
 def _finish(
@@ -135,31 +136,20 @@ def settled(problem: Problem, found: StationaryPoint, least: float) -> Stationar
     """
     free = ~found.active
     pairs = list(zip(found.jacobian, found.residuals, strict=True))
-    squares, scores = zip(*(products(j, r) for j, r in pairs))
-    curvature = np.sum(squares, axis=0)[np.ix_(free, free)]
-    gradient = np.sum(scores, axis=0)[free]
-    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    curvature = np.sum([j.T @ j for j, _ in pairs], axis=0)[np.ix_(free, free)]
+    gradient = np.sum([j.T @ r for j, r in pairs], axis=0)[free]
     step = np.zeros(free.size)
-    step[free] = np.linalg.lstsq(
-        curvature / np.outer(scale, scale), gradient / scale, rcond=1e-15
-    )[0] / scale  # fmt: skip
+    step[free] = solve_normal(curvature, gradient, 1e-15)
     noise = found.cost / max(problem.rows - free.size, 1)
     at = np.concatenate((found.eta, found.linear)) + step
     low, high = bounds_of([*problem.nonlinear, *problem.linear])
     if not gradient @ step[free] > least**2 * noise or np.any((at < low) | (at > high)):
         return found
-    left = [_less(r, j, step) for j, r in pairs]
+    for j, r in pairs:  # a long record has no room for both
+        r -= j @ step
     eta, linear = at[: found.eta.size], at[found.eta.size :]
-    cost = sum(map(square_sum, left))
-    return replace(found, eta=eta, linear=linear, residuals=left, cost=cost)
-
-
-def _less(residuals: FloatArray, jacobian: FloatArray, step: FloatArray) -> FloatArray:
-    """Residuals after a step; those that are kept are moved where they lie."""
-    if not is_kept(residuals):
-        return by_rows(lambda r, j: r - j @ step, residuals, jacobian)
-    residuals -= jacobian @ step
-    return residuals
+    cost = sum(map(square_sum, found.residuals))
+    return replace(found, eta=eta, linear=linear, cost=cost)
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
@@ -173,14 +163,14 @@ def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
     -------
     (k,) sums of squared weighted residuals; infinite where the model fails.
     """
-    costs = np.array([_cost(problem, eta) for eta in candidates])
-    costs[~np.isfinite(costs)] = np.inf
-    return costs
+    return np.array([_cost(problem, eta) for eta in candidates])
 
 
 def _cost(problem: Problem, eta: FloatArray) -> float:
-    fit = _value(problem, eta)
-    return float("inf") if fit is None else fit.cost
+    try:
+        return Eliminated(problem, eta).cost
+    except np.linalg.LinAlgError:  # the model gives no finite numbers
+        return float("inf")
 
 
 @dataclass(frozen=True)

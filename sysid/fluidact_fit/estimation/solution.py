@@ -13,7 +13,7 @@ from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, all_of, is_finite, where_finite
 from ..options import FamilyOptions
 from ..parameters.rounding import round_covariance, round_quantity
-from ..rows import BLOCK_ROWS, by_rows
+from ..rows import BLOCK_ROWS
 from ..specification import (
     NoiseLevel,
     Plant,
@@ -98,7 +98,7 @@ class FittedRun:
     def residual(self, role: str, output: str) -> FloatArray:
         """Measured less simulated over the samples that were used, shape ``(m,)`` [SI]."""
         measured, simulated, used = self.channel(role, output)
-        return all_of(by_rows(np.subtract, measured, simulated), used)
+        return all_of(measured - simulated, used)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, is_kept, square_sum
+from ..rows import blocks, square_sum
 from .blocks import condensed
 from .converter_errors import code_errors, codes_matter
 from .recursion import run_recursion
@@ -35,8 +35,8 @@ _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 class Uncertainty:
     """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
-    ``order`` is that of the autoregression that the residuals were taken for (0: white; -1: the
-    covariance was taken from the scores).
+    ``order`` is that of the autoregression that the residuals were taken for, 0 where they are
+    white; ``from_scores`` says that the covariance is that of the scores instead.
     As many as ``independent`` samples with independent errors would show the size of the errors
     as well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
     """
@@ -46,6 +46,7 @@ class Uncertainty:
     sigma: float
     order: int
     independent: float = np.inf
+    from_scores: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,10 +172,8 @@ def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
     q, p = a.size, jacobian.shape[1]
     later = np.zeros((q, p))  # what the recursion gave for the samples after these, next one first
     total = np.zeros((p, p))
-    # to and fro are the same to a symmetric R: what is made block by block is made forwards
-    way = -1 if is_kept(jacobian) else 1
-    for at in list(blocks(jacobian.shape[0]))[::way]:
-        driven = jacobian[at][::way].copy()
+    for at in list(blocks(jacobian.shape[0]))[::-1]:
+        driven = jacobian[at][::-1].copy()
         for m in range(min(q, driven.shape[0])):
             driven[m] += a[m:] @ later[: q - m]
         found = run_recursion(driven, a)
@@ -366,12 +365,8 @@ def score_covariance(
     channels
         Per experiment the rows of every channel; shorter ones are centred on the first.
     """
-    stacked = np.vstack(jacobian)
-    p = stacked.shape[1]
-    scale = np.linalg.norm(stacked, axis=0)
-    blind = scale == 0.0
-    scale[blind] = 1.0
-    bread = np.linalg.pinv((stacked / scale).T @ (stacked / scale)) / np.outer(scale, scale)
+    bread, blind = inverse_information(np.vstack(jacobian))
+    p = len(bread)
     middle = np.zeros((p, p))
     samples, cost = 0, 0.0
     for j, r, rows in zip(jacobian, residuals, channels):
@@ -387,7 +382,7 @@ def score_covariance(
     total = _positive(bread @ middle @ bread)
     total[blind, blind] = np.inf
     degrees = max(samples - p, 1)
-    return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), -1)
+    return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), 0, from_scores=True)
 
 
 def long_run(scores: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, Signal
-from ..rows import blocks, median_of
+from ..rows import blocks
 from ..specification import Variant
 from .log import count_of
 
@@ -152,7 +152,7 @@ def _jumps(values: FloatArray) -> IndexArray:
     if 2 * near > values.size - 1:
         return np.zeros(0, dtype=np.intp)
     if 2 * above >= values.size - 1:
-        jump = max(jump, _USUAL * median_of(lambda: (size for _, size in _changes(values))))
+        jump = max(jump, _USUAL * float(np.median(np.abs(np.diff(values)))))
     return np.concatenate([begin + np.flatnonzero(size > jump) for begin, size in _changes(values)])
 
 

@@ -13,7 +13,7 @@ from ..experiment import FloatArray
 from ..families import get_family
 from ..family import PhysicsView, Simulated
 from ..outcome import Outcome, Simulation
-from ..rows import blocks, is_long
+from ..rows import blocks
 from . import style
 from .numbers import Scale, choose_scale, plain, scaled, spoken
 from .panels import scale_of
@@ -27,6 +27,7 @@ _SHARE = 0.06  # of a run that a close-up shows
 _FEWEST = 40  # samples that it shows at least
 _BEFORE = 0.25  # share of a close-up before its edge
 _MOST_POINTS = 6000
+_LONG = 1 << 20  # samples of a run, beyond which the law inside takes too long
 Draw = Callable[["Axes"], None]
 
 
@@ -61,7 +62,7 @@ def detail_row(figure: Figure, result: Outcome, left: float, right: float, top: 
 
 def physics_view(result: Outcome) -> PhysicsView | None:
     """The law inside a dynamic model, as its family shows it; ``None`` for long records."""
-    if any(is_long(s.measured.size) for s in result.fitted):
+    if any(s.measured.size > _LONG for s in result.fitted):
         return None
     found = [Simulated(s.simulated, offset=s.offset) for s in result.fitted]
     family = get_family(result.family)

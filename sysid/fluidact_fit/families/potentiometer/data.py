@@ -23,7 +23,7 @@ from ...experiment import (
     where_both,
     where_finite,
 )
-from ...rows import blocks, by_rows, ends_of
+from ...rows import blocks, ends_of
 from .calibration import rising_share
 from .options import PotentiometerOptions
 
@@ -282,8 +282,7 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     (low, high), (base, top) = ends_of(x), ends_of(y)
     span, stroke = high - low, top - base
     share = np.broadcast_to(1.0, x.shape) if dead_band is None else data.rising(dead_band)
-    table = by_rows(lambda r, s: np.column_stack(((r - low) / span, s)), x, share)
-    level = by_rows(lambda r: (r - base) / stroke, y)
+    table, level = np.column_stack(((x - low) / span, share)), (y - base) / stroke
     rows = MapRows(table, level, np.broadcast_to(1.0, x.shape))
     return Scaled(rows, low, span, base, stroke, _merged(rows), data.output)
 

@@ -31,7 +31,7 @@ from ...estimation.response import Beginning, Plan, ResponseFit, ResponseOptions
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
-from ...experiment import Experiment, FloatArray
+from ...experiment import Experiment
 from ...family import (
     Curve,
     ParameterSpec,
@@ -47,7 +47,6 @@ from ...family import (
 )
 from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
-from ...rows import made, upper_quantile
 from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
 from .losses import other_losses
@@ -288,25 +287,14 @@ def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
     """
     high = max(float(e["force"].max()) for e in experiments)
     low = min(float(e["force"].min()) for e in experiments)
-    speed = upper_quantile([_speeds(e["position"], e.time) for e in experiments], 0.98)
+    speeds = [np.abs(np.gradient(e["position"], e.time)) for e in experiments]
+    speed = float(np.quantile(np.concatenate(speeds), 0.98))
     if max(high, -low) <= 0.0 or speed <= 0.0:
         raise LogError(
             "force or position does not change in any log",
             remedy="Record strokes with a force that moves the piston.",
         )
     return low, high, speed
-
-
-def _speeds(position: FloatArray, time: FloatArray) -> FloatArray:
-    """Absolute central differences of positions [m] at instants [s], shape ``(n,)`` [m/s]."""
-    n = position.size
-
-    def cut(begin: int, end: int) -> FloatArray:
-        first = max(begin - 1, 0)
-        some = slice(first, min(end + 1, n))
-        return np.abs(np.gradient(position[some], time[some]))[begin - first : end - first]
-
-    return made((n,), cut)
 
 
 def _edges_out_of_reach(low: float, high: float) -> list[Refusal]:
