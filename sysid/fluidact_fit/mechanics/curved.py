@@ -407,9 +407,9 @@ def motion_of(run: CurvedRun, p: StickSlip, initial_speed: Array) -> Motion:
     place = np.concatenate(([0.0], np.cumsum(made)))[count]
     speed = np.where(moving, np.append(after, 0.0)[last], 0.0)
     speed[0] = begin
-    places = np.tile(place, (p.inertia.size, 1))
+    places = np.tile(place, (p.rows.shape[1], 1))
     motion = Motion(places, speed, (run.breakaways[0], run.breakaways[1]), run.stops)
-    if not p.turned(initial_speed):
+    if not (np.iscomplexobj(p.rows) or np.iscomplexobj(initial_speed)):
         return motion
     if not node.size:
         return with_changes(motion, None, None, p, initial_speed)
@@ -417,5 +417,5 @@ def motion_of(run: CurvedRun, p: StickSlip, initial_speed: Array) -> Motion:
     carry[list(run.carry)] = list(run.carry.values())
     steps = Steps(node.astype(int), way.astype(int), offset, span, way * first, carry,
                   np.zeros(node.size))  # fmt: skip
-    varied = _vary(run, steps, first, p.exponent is not None and np.iscomplexobj(p.exponent))
+    varied = _vary(run, steps, first, bool(np.imag(p.rows[-1]).any()))
     return with_changes(motion, steps, varied, p, initial_speed)

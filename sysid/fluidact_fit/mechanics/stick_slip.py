@@ -358,7 +358,7 @@ def simulate_stick_slip(
     Parameters
     ----------
     parameters
-        Each as a row of ``k`` (complex) values.
+        With ``k`` columns.
     passes
         Of the torque.
     initial_speed
@@ -369,11 +369,11 @@ def simulate_stick_slip(
     if isinstance(run, CurvedRun):
         return motion_of(run, parameters, start)
     motion = Motion(
-        np.tile(run.position, (parameters.inertia.size, 1)),
+        np.tile(run.position, (parameters.rows.shape[1], 1)),
         run.velocity,
         (run.breakaways[0], run.breakaways[1]), run.stops,
     )  # fmt: skip
-    if not parameters.turned(start):
+    if not (np.iscomplexobj(parameters.rows) or np.iscomplexobj(start)):
         return motion
     if not run.phases:
         return with_changes(motion, None, None, parameters, start)
