@@ -25,7 +25,7 @@ from ...family import (
 )
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_record import drive_notices, with_drive_noise
-from .levels import Bracket, find_levels, hold_levels, levels_of, refine_levels
+from .levels import Bracket, find_levels, hold_levels, refine_levels
 from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
 from .start import Stage, first_stage, without_idle_levels
 from .stribeck import fastest, undetermined, with_curve, without_level
@@ -55,7 +55,6 @@ def fit_drive(
             curve = without_idle_levels(with_curve(stage, request))
             refusal = without_level(curve)
         if refusal is None:
-            curve, _ = refine_levels(curve, levels_of(curve))
             found = _fit_position(variant, curve, {}, request)
             top = fastest(experiments, stage.axis)
             refusal = undetermined(found.fitted, top, *units)

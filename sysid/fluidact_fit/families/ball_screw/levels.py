@@ -79,12 +79,6 @@ def refine_levels(
     return stage.at(at.values), brackets
 
 
-def levels_of(stage: Stage) -> dict[str, Bracket]:
-    """Open static levels as brackets of no width."""
-    levels = {BREAKAWAY[s]: stage.start[BREAKAWAY[s]] for s in stage.open_sides()}
-    return {n: Bracket(level, level, level) for n, level in levels.items()}
-
-
 def hold_levels(stage: Stage, brackets: Mapping[str, Bracket]) -> Stage:
     """The stage with bracketed levels held."""
     return replace(stage, fixed={**stage.fixed, **{n: b.value for n, b in brackets.items()}})
