@@ -186,7 +186,9 @@ class _Profile:
         around = _around(known, int(np.argmin(np.repeat(np.where(refitted, least, np.inf), sizes))))
         value = 0.5 * float(edges[around[0]] + edges[around[1] + 1])
         low, high = max(ends[0] - margin, 0), min(ends[-1] + margin, middles.size - 1) + 1
-        return Bracket(float(edges[low]), float(edges[high]), value), best.at(name, value)
+        # a level that the logs cannot tell from that of the best fit
+        best = replace(best, values={**best.values, name: value})
+        return Bracket(float(edges[low]), float(edges[high]), value), best
 
 
 @dataclass(frozen=True)
@@ -207,10 +209,6 @@ class _Refitted:
         basis, _ = np.linalg.qr(self.jacobian / np.where(size > 0.0, size, 1.0))
         left = errors - (errors @ basis) @ basis.T
         return np.sum(np.square(left), axis=1)
-
-    def at(self, name: str, level: float) -> _Refitted:
-        """The same fit at another level that the logs cannot tell from its own."""
-        return replace(self, values={**self.values, name: level})
 
 
 def _around(good: np.ndarray, best: int) -> tuple[int, int]:
