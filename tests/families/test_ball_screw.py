@@ -5,7 +5,9 @@ The logs come from a simulator of their own, on a fine grid, never from the esti
 
 import numpy as np
 import pytest
+from studies.red_team.attacks import ball_screw as screw
 
+import fluidact_fit as ff
 from fluidact_fit import NotIdentifiedError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
@@ -167,6 +169,15 @@ def test_a_static_level_lies_between_two_that_were_commanded(seed: int) -> None:
             assert np.abs(commanded - end).min() < 1e-4 * q.std_error
         assert q.ci95[0] < DRIVE[name] < q.ci95[1]
         assert q.std_error == pytest.approx((q.ci95[1] - q.ci95[0]) / np.sqrt(12.0), rel=1e-4)
+
+
+def test_a_bounded_static_level_is_looked_for_among_the_commanded_ones() -> None:
+    """A gradient does not see it: it was refused, and moved inertia by seven standard errors."""
+    recording = screw.record(np.random.default_rng(3), screw.Machine(screw.SCREW), screw.Logger())
+    found = ff.fit("ball-screw", recording[0], bounds={"breakaway_positive": (2.5e-3, 3.5e-3)})
+    for name, true in screw.SCREW.items():
+        q = found.parameters[name]
+        assert abs(q.number - true) < 4.0 * float(q.std_error), name
 
 
 def test_a_bad_start_does_not_hide_the_static_levels() -> None:

@@ -48,10 +48,15 @@ def rows_of(values: Mapping[str, float], turned: bool = False) -> StickSlip:
     """Parameters as rows; ``turned``: one row each, with an imaginary part in its own."""
     base = np.array([values[n] for n in ORDER])
     if not turned:
-        return StickSlip(*base[:, None])
+        return law_of(base[:, None])
     rows = np.tile(base.astype(complex), (base.size, 1))
     rows[np.diag_indices(base.size)] += 1e-30j
-    return StickSlip(*rows.T)
+    return law_of(rows.T)
+
+
+def law_of(rows: np.ndarray, **more: complex) -> StickSlip:
+    """Parameters in the order of the simulator, ``(8, k)``."""
+    return StickSlip.of(rows[0], {**dict(zip(ORDER, rows)), **more})
 
 
 def simulate(values: Mapping[str, float], hold: str, turned: bool = False) -> Motion:
@@ -109,7 +114,7 @@ def test_the_derivative_by_the_exponent_of_the_curve(hold: str) -> None:
     ends = [reference({**AXIS, "stribeck_exponent": 2.0 + s * 1e-4}, torque, RECORD)
             for s in (1, -1)]  # fmt: skip
     wanted = (ends[0] - ends[1]) / 2e-4
-    law = StickSlip(*(np.array([AXIS[n]]) for n in ORDER), np.array([2.0 + 1e-30j]))
+    law = law_of(np.array([[AXIS[n]] for n in ORDER]), stribeck_exponent=2.0 + 1e-30j)
     found = (
         simulate_stick_slip(law, Passes(piecewise(torque), make_grid(RECORD))).position[0].imag
         / 1e-30
@@ -133,8 +138,9 @@ def test_initial_speed_and_its_derivative() -> None:
     u = piecewise(torque_of(np.zeros(RECORD.size), "zoh", RECORD))
 
     def coast(speed: complex) -> np.ndarray:
-        p = StickSlip(*(np.array([x + 0j * speed.imag]) for x in
-                        (AXIS["inertia"], 0.9, 1.0, 0.8, 1.4, 1.1, 0.7, 0.5)))  # fmt: skip
+        p = law_of(
+            np.array([[AXIS["inertia"]], *([x] for x in (0.9, 1.0, 0.8, 1.4, 1.1, 0.7, 0.5))])
+        )
         return simulate_stick_slip(p, Passes(u, make_grid(RECORD)), np.array([speed])).position[0]
 
     way = coast(2.0 + 1e-30j)

@@ -10,10 +10,14 @@ from fluidact_fit.mechanics.stick_slip import Passes, StickSlip, simulate_stick_
 
 # inertia, viscous, kinetic +/-, static +/-: an axis of the size of the thesis' drive, scaled to one
 AXIS = (1.2, 0.9, 1.0, 0.8, 1.4, 1.1)
+NAMES = (
+    "viscous", "coulomb_positive", "coulomb_negative", "breakaway_positive", "breakaway_negative",
+)  # fmt: skip
 
 
-def parameters(values: tuple[float, ...] = AXIS) -> StickSlip:
-    return StickSlip(*(np.array([v]) for v in values))
+def parameters(values: tuple[float, ...] | np.ndarray = AXIS) -> StickSlip:
+    inertia, *friction = np.array(values).reshape(len(AXIS), -1)
+    return StickSlip.of(inertia, dict(zip(NAMES, friction)))
 
 
 def torque(time: np.ndarray, values: np.ndarray, hold: str):
@@ -105,7 +109,7 @@ def test_derivatives_pass_through_the_events(hold: str) -> None:
     base = np.array(AXIS)
     rows = np.tile(base.astype(complex), (6, 1))
     rows[np.arange(6), np.arange(6)] += 1e-30j
-    exact = np.imag(simulate_stick_slip(StickSlip(*rows.T), Passes(u, grid)).position) / 1e-30
+    exact = np.imag(simulate_stick_slip(parameters(rows.T), Passes(u, grid)).position) / 1e-30
     for k in range(6):
         sides = []
         for sign in (1.0, -1.0):
@@ -134,8 +138,8 @@ def test_a_break_away_at_the_peak_of_the_torque_is_differentiated_over_a_small_c
     values = 5.0 * np.sin(np.pi * time)
     u = piecewise(Signal("torque", time, values, "N m", "smooth"))
     peak = float(np.polynomial.Polynomial(u.coefficients[50])(0.0))
-    level = np.full(1, peak * (1.0 - 1e-15)) + 1e-30j
-    law = StickSlip(*(np.full(1, x) for x in (0.2, 0.5, 1.0, 1.0)), level, np.full(1, 9.0))
+    level = peak * (1.0 - 1e-15) + 1e-30j
+    law = parameters(np.array((0.2, 0.5, 1.0, 1.0, level, 9.0)))
     passes, _ = Passes.on_samples(Signal("torque", time, values, "N m", "smooth"), time)
     slope = np.imag(simulate_stick_slip(law, passes).position) / 1e-30
     assert 0.0 < np.abs(slope).max() < 1e3

@@ -70,7 +70,7 @@ def with_changes(
     position = motion.position.astype(complex)
     if steps is None or varied is None:
         return replace(motion, position=position)
-    theta = np.imag(np.array(p.rows))
+    theta = np.imag(p.rows)
     moving = np.real(start.flat[0]) != 0.0
     first = np.imag(np.broadcast_to(start, theta.shape[1])) * moving
     place = _propagate(steps, varied, theta, first)

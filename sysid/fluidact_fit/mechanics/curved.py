@@ -41,7 +41,7 @@ from ..experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .motion import DryMass, Motion, StickSlip
 from .phi import Responses
-from .rest import StaticBand, value_of, zero_of
+from .rest import StaticBand, rising_zero, value_of
 
 ((_A21,), (_A31, _A32), (_A41, _A42, _A43), (_A51, _A52, _A53, _A54),
  (_A61, _A62, _A63, _A64, _A65)) = STAGES[1:]  # fmt: skip
@@ -53,7 +53,6 @@ _TOLERANCE = 1e-7  # error of a step, in speeds of the curve and of the motion
 _SHORTEST = 1e-9  # part of an interval, below which a motion does not count as one
 _REFUSED = 0.9  # times its length that a step should have, below which it is taken again
 _SLOW, _NEARER = 2.0, 0.7  # speeds of the curve from which a motion stops, part of the way there
-_ROUNDING = 2e-16  # of the speed before a stop, which no step gets nearer to zero
 _BEYOND = 6.0  # speeds of the curve above which nothing is left of it: exp(-36) is rounding
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 
@@ -156,7 +155,7 @@ class Slide:
     def _last(self, y: float, at: float, h: float, push: Push) -> tuple[Step, float]:
         """The step that ends at rest, and how many times longer it should be."""
         # its last acceleration is no slope of what steps of several lengths lead to
-        span = zero_of(lambda span: self.advance(y, span, push(at, span))[0], 0.0, h, _ROUNDING * y)
+        span = rising_zero(lambda span: -self.advance(y, span, push(at, span))[0], 0.0, h)
         _, way, error, slope = self.advance(y, span, push(at, span))
         return Step(at, span, y, way, 0.0, slope), self._better(0.0, error)
 
@@ -407,9 +406,9 @@ def motion_of(run: CurvedRun, p: StickSlip, initial_speed: Array) -> Motion:
     place = np.concatenate(([0.0], np.cumsum(made)))[count]
     speed = np.where(moving, np.append(after, 0.0)[last], 0.0)
     speed[0] = begin
-    places = np.tile(place, (p.inertia.size, 1))
+    places = np.tile(place, (p.rows.shape[1], 1))
     motion = Motion(places, speed, (run.breakaways[0], run.breakaways[1]), run.stops)
-    if not p.turned(initial_speed):
+    if not (np.iscomplexobj(p.rows) or np.iscomplexobj(initial_speed)):
         return motion
     if not node.size:
         return with_changes(motion, None, None, p, initial_speed)
@@ -417,5 +416,5 @@ def motion_of(run: CurvedRun, p: StickSlip, initial_speed: Array) -> Motion:
     carry[list(run.carry)] = list(run.carry.values())
     steps = Steps(node.astype(int), way.astype(int), offset, span, way * first, carry,
                   np.zeros(node.size))  # fmt: skip
-    varied = _vary(run, steps, first, p.exponent is not None and np.iscomplexobj(p.exponent))
+    varied = _vary(run, steps, first, bool(np.imag(p.rows[-1]).any()))
     return with_changes(motion, steps, varied, p, initial_speed)

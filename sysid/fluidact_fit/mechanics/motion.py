@@ -12,6 +12,11 @@ import numpy as np
 from ..experiment import Array
 from .friction_law import FrictionLaw
 
+FRICTION = (
+    "viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative",
+    "breakaway_positive", "breakaway_negative", "stribeck_speed", "stribeck_exponent",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class DryMass:
@@ -43,67 +48,40 @@ class DryMass:
 
 @dataclass(frozen=True)
 class StickSlip:
-    """Parameters of the model, each of shape ``(k,)``, real parts equal along ``k``.
+    """Parameters of the model as rows ``(9, k)``, real parts equal along ``k``.
 
-    ``inertia`` [kg m2 or kg], ``viscous`` [N m s/rad or N s/m], kinetic and static
-    levels [N m or N], magnitudes. ``stribeck_speed`` [rad/s or m/s] is that of the curve that
-    joins them; without one friction falls at once. ``exponent`` is that of the curve, the real
-    part of which is 2. The imaginary part of a row is a direction in which the motion is to be
-    differentiated.
+    Inertia [kg m2 or kg] and the parameters of :data:`FRICTION`: viscous friction
+    [N m s/rad or N s/m], kinetic and static levels [N m or N], magnitudes, and speed [rad/s or
+    m/s] and exponent of the curve that joins them; at speed 0 friction falls at once. The real
+    part of the exponent is 2. The imaginary part of a column is a direction in which the motion
+    is to be differentiated.
     """
 
-    inertia: Array
-    viscous: Array
-    coulomb_positive: Array
-    coulomb_negative: Array
-    breakaway_positive: Array
-    breakaway_negative: Array
-    viscous_negative: Array | None = None
-    stribeck_speed: Array | None = None
-    exponent: Array | None = None
+    rows: Array
 
     @classmethod
-    def of(cls, inertia: Array, values: Mapping[str, Any], static: Mapping[str, Array]) -> Self:
-        """Read the friction off named values, numbers or rows as long as ``inertia``.
+    def of(cls, inertia: Array, values: Mapping[str, Any]) -> Self:
+        """Read the friction off named values, numbers or rows as long as ``inertia``, ``(k,)``.
 
-        ``static`` holds the static levels, by name; what is lower than the kinetic level is raised
-        to it. One ``viscous`` stands for both directions where there are no one-sided values.
+        A static level below the kinetic one is raised to it. One ``viscous`` stands for both
+        directions where there are no one-sided values.
         """
-
-        def row(name: str, otherwise: Any = 0.0) -> Array:
-            return np.broadcast_to(values.get(name, otherwise), inertia.shape)
-
-        levels = []
+        otherwise = {"stribeck_speed": 0.0, "stribeck_exponent": 2.0}
+        otherwise |= {name: values.get("viscous", 0.0) for name in FRICTION[:2]}
+        friction = {name: values.get(name, otherwise.get(name)) for name in FRICTION}
         for side in ("positive", "negative"):
-            kinetic, rest = row(f"coulomb_{side}"), static[f"breakaway_{side}"]
-            levels.append((kinetic, np.where(np.real(rest) > np.real(kinetic), rest, kinetic)))
-        (forward, backward), viscous = levels, values.get("viscous", 0.0)
-        return cls(
-            inertia, row("viscous_positive", viscous), forward[0], backward[0], forward[1],
-            backward[1], row("viscous_negative", viscous), row("stribeck_speed"),
-            row("stribeck_exponent", 2.0),
-        )  # fmt: skip
-
-    @cached_property
-    def rows(self) -> tuple[Array, ...]:
-        """Inertia, viscous, kinetic and static friction by direction, the curve's two numbers."""
-        backward = self.viscous if self.viscous_negative is None else self.viscous_negative
-        curve = np.zeros_like(self.inertia) if self.stribeck_speed is None else self.stribeck_speed
-        shape = np.full_like(self.inertia, 2.0) if self.exponent is None else self.exponent
-        return (
-            self.inertia, self.viscous, backward, self.coulomb_positive, self.coulomb_negative,
-            self.breakaway_positive, self.breakaway_negative, curve, shape,
-        )  # fmt: skip
+            kinetic, static = friction[f"coulomb_{side}"], friction[f"breakaway_{side}"]
+            below = np.real(static) < np.real(kinetic)
+            friction[f"breakaway_{side}"] = np.where(below, kinetic, static)
+        rows = (inertia, *friction.values())
+        return cls(np.array([np.broadcast_to(row, inertia.shape) for row in rows]))
 
     @cached_property
     def mass(self) -> DryMass:
         """The real parts."""
-        j, b, bn, kp, kn, sp, sn, speed, _ = (float(np.real(row.flat[0])) for row in self.rows)
-        return DryMass(j, FrictionLaw(kp, kn, b, bn, sp, sn, stribeck_speed=speed, joined=True))
-
-    def turned(self, initial_speed: Array) -> bool:
-        """Return whether any of the rows, or the initial speed, is complex."""
-        return any(np.iscomplexobj(row) for row in (*self.rows, initial_speed))
+        inertia, *friction, _ = np.real(self.rows[:, 0]).tolist()
+        named = dict(zip(FRICTION, friction))
+        return DryMass(inertia, FrictionLaw(**named, joined=True))
 
 
 @dataclass(frozen=True)

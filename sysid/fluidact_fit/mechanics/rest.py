@@ -10,7 +10,8 @@ import numpy as np
 from ..estimation.inputs import PiecewiseInput
 from ..experiment import FloatArray
 
-_ITERATIONS = 100  # of which few are needed: bisection alone would end earlier
+_ITERATIONS = 100  # of which few are needed
+_ROUNDING = 2e-16  # of the values at the ends, which no iteration gets nearer to zero
 
 
 def value_of(coefficients: FloatArray, offset: float) -> float:
@@ -75,42 +76,22 @@ class StaticBand:
         level = self.upper if way > 0 else self.lower
         if c.size == 2:
             return float((level - c[0]) / c[1]), way
-        return rising_root(
-            lambda o: (way * (value_of(c, o) - level), way * slope_of(c, o)), begin, step
-        ), way
+        return rising_zero(lambda o: way * (value_of(c, o) - level), begin, step), way
 
 
-def rising_root(function: Callable[[float], tuple[float, float]], low: float, high: float) -> float:
+def rising_zero(function: Callable[[float], float], low: float, high: float) -> float:
     """Find where a function becomes positive; an end where it already is, or does not.
 
-    Newton's iteration, kept in a bracket: ``function`` returns its value and its slope.
-    """
-    below, above = function(low)[0], function(high)[0]
-    if below >= 0.0:
-        return low
-    if above <= 0.0:
-        return high
-    finest, at = 1e-15 * high, low - below * (high - low) / (above - below)
-    for _ in range(_ITERATIONS):
-        value, slope = function(at)
-        low, high = (at, high) if value < 0.0 else (low, at)
-        after = at - value / slope if slope > 0.0 else low
-        if not low <= after <= high:
-            after = 0.5 * (low + high)
-        if abs(after - at) <= finest:
-            return after
-        at = after
-    return at
-
-
-def zero_of(function: Callable[[float], float], low: float, high: float, rounding: float) -> float:
-    """Find the zero of a function between two places of opposite sign, without slopes.
-
-    False position after Anderson and Bjoerck; values up to ``rounding`` are as good as zero.
+    False position after Anderson and Bjoerck. Values that are rounding beside those at the ends
+    are as good as zero.
     """
     kept, at = low, high
     before, value = function(kept), function(at)
-    finest = 1e-15 * abs(high)
+    if before >= 0.0:
+        return low
+    if value <= 0.0:
+        return high
+    finest, rounding = 1e-15 * abs(high), _ROUNDING * max(-before, value)
     for _ in range(_ITERATIONS):
         if abs(value) <= rounding or abs(at - kept) <= finest:
             break

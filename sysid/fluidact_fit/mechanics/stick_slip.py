@@ -36,7 +36,7 @@ from .changes import Steps, Varied, with_changes
 from .curved import CurvedRun, motion_of
 from .motion import DryMass, Motion, StickSlip
 from .phi import Responses, phi_real
-from .rest import StaticBand, rising_root, slope_of, value_of
+from .rest import StaticBand, rising_zero, slope_of, value_of
 
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 _GRAZING = 1e-6  # of a static level, over which a break-away at a peak is differentiated
@@ -211,28 +211,13 @@ class _Run:
         """Offset of the stop inside interval ``j``, in which the phase begins unless ``None``."""
         step = float(self.time[j + 1] - self.time[j])
 
-        torque, sign, level = self.torque[j].tolist(), way.sign, way.level
-        rate, inertia, size = way.rate, way.inertia, len(torque) + 1
-        net = [torque[0] - level, *torque[1:]]
-
-        def backwards(o: float) -> tuple[float, float]:  # the hot path of every stop
-            phi, v, power, total = (
-                phi_real(-rate * o, size),
-                base * exp(-rate * o),
-                o / inertia,
-                0.0,
-            )
-            for i, c in enumerate(net):
-                v += c * power * phi[i]
-                power *= o * (i + 1)
-            for c in reversed(torque):
-                total = total * o + c
-            return -sign * v, -sign * ((total - level) / inertia - rate * v)
+        def backwards(offset: float) -> float:
+            return -way.sign * way.inside(j, offset, base)[0]
 
         if begin is None:
-            return rising_root(backwards, 0.0, step)
+            return rising_zero(backwards, 0.0, step)
         low = _moving_start(backwards, begin, step)
-        return begin if low is None else rising_root(backwards, low, step)
+        return begin if low is None else rising_zero(backwards, low, step)
 
     def steps(self) -> Steps:
         """All phases, cut at the nodes."""
@@ -296,16 +281,14 @@ def _shifted(coefficients: FloatArray, offset: FloatArray) -> FloatArray:
     return out
 
 
-def _moving_start(
-    backwards: Callable[[float], tuple[float, float]], begin: float, end: float
-) -> float | None:
+def _moving_start(backwards: Callable[[float], float], begin: float, end: float) -> float | None:
     """A point shortly after a break-away at which the motion really moves."""
     width = end - begin
     for _ in range(40):
         width *= 0.5
         if width <= 1e-12 * max(end, 1e-12):
             return None
-        if backwards(begin + width)[0] < 0.0:
+        if backwards(begin + width) < 0.0:
             return begin + width
     return None
 
@@ -358,7 +341,7 @@ def simulate_stick_slip(
     Parameters
     ----------
     parameters
-        Each as a row of ``k`` (complex) values.
+        With ``k`` columns.
     passes
         Of the torque.
     initial_speed
@@ -369,11 +352,11 @@ def simulate_stick_slip(
     if isinstance(run, CurvedRun):
         return motion_of(run, parameters, start)
     motion = Motion(
-        np.tile(run.position, (parameters.inertia.size, 1)),
+        np.tile(run.position, (parameters.rows.shape[1], 1)),
         run.velocity,
         (run.breakaways[0], run.breakaways[1]), run.stops,
     )  # fmt: skip
-    if not parameters.turned(start):
+    if not (np.iscomplexobj(parameters.rows) or np.iscomplexobj(start)):
         return motion
     if not run.phases:
         return with_changes(motion, None, None, parameters, start)

@@ -24,10 +24,10 @@ from ...family import (
     make_solution,
 )
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
-from .drive_errors import warn_of_held_noise, with_drive_errors
-from .levels import Bracket, find_levels, hold_levels, levels_of, refine_levels
-from .model import BREAKAWAY, EXCESS, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
-from .start import Stage, excess_specs, first_stage, without_idle_levels
+from .drive_record import drive_notices, with_drive_noise
+from .levels import Bracket, find_levels, hold_levels, refine_levels
+from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
+from .start import Stage, first_stage, without_idle_levels
 from .stribeck import fastest, undetermined, with_curve, without_level
 
 UNKNOWN_FORCES = (
@@ -55,7 +55,6 @@ def fit_drive(
             curve = without_idle_levels(with_curve(stage, request))
             refusal = without_level(curve)
         if refusal is None:
-            curve, _ = refine_levels(curve, levels_of(curve))
             found = _fit_position(variant, curve, {}, request)
             top = fastest(experiments, stage.axis)
             refusal = undetermined(found.fitted, top, *units)
@@ -74,7 +73,6 @@ class _Found:
     stage: Stage
     brackets: Mapping[str, Bracket]
     fitted: Fitted
-    drive: DriveModel
     weights: Sequence[FloatArray]
 
     @property
@@ -112,25 +110,26 @@ def _fit_position(
     )
     fitted = fit_named(
         model,
-        [*variant.parameters, *excess_specs(variant)],
+        variant.parameters,
         replace(request, fixed=begin.fixed, start={}),
         begin.unknowns,
         [begin.start],
         refusals=begin.refusals,
         sensible=_sensible(begin),
     )
-    return _Found(begin, inside, fitted, drive, weights)
+    return _Found(begin, inside, fitted, weights)
 
 
 def _finish(
     found: _Found, variant: Variant, request: Request[BallScrewOptions], simulate: Simulate
 ) -> Solution[BallScrewOptions]:
-    """Entries of the file: levels for excesses, errors of the drive, and notices."""
-    stage, drive, beyond = found.stage, found.drive, found.beyond
+    """Entries of the file, with the noise of the drive in their intervals, and notices."""
+    stage, beyond = found.stage, found.beyond
     experiments = stage.experiments
-    fitted = in_levels(
-        with_drive_errors(found.fitted, drive, experiments, found.weights, request.seed)
-    )
+    fitted = found.fitted
+    if not beyond:  # otherwise residuals come from forces that the model lacks, and it is warned
+        fitted = with_drive_noise(fitted, stage.axis, experiments, request.seed)
+    fitted = as_written(fitted)
     solved = with_brackets(fitted, found.brackets)
     parameters, order, covariance = solved.quantities(
         specs_of_file(variant, fitted.values, stage.resting)
@@ -140,7 +139,7 @@ def _finish(
     notices = [
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
-        *warn_of_held_noise(stage.axis, experiments),
+        *drive_notices(stage.axis, experiments),
         *([beyond_notice(SPEED in parameters)] if beyond else []),
     ]
     return make_solution(
@@ -173,31 +172,11 @@ def _sensible(stage: Stage) -> dict[str, float]:
     return {**out, stage.axis.inertia: stage.start[stage.axis.inertia]}
 
 
-def in_levels(fitted: Fitted) -> Fitted:
-    """Turn ``excess`` into ``breakaway = coulomb + excess``; covariance and slopes follow."""
-    level = {EXCESS[s]: BREAKAWAY[s] for s in SIDES}
-    # what was held high enough to rest is written as nothing
-    neutral = {n: float(fitted.specs[n].neutral or 0.0) for n in fitted.refused}
-    known = {**fitted.values, **neutral}
-    values = {n: v for n, v in known.items() if n not in level}
-    turn = np.eye(len(fitted.names))
-    for s in SIDES:
-        kinetic, excess = f"coulomb_{s}", EXCESS[s]
-        if excess in known:
-            values[BREAKAWAY[s]] = known[kinetic] + known[excess]
-        if {excess, kinetic} <= set(fitted.names):
-            turn[fitted.names.index(excess), fitted.names.index(kinetic)] = 1.0
-    back = np.linalg.inv(turn)
-    # what was held in the fit is an excess, or high enough to rest; the file has its own table
-    refusals = [replace(r, parameter=level.get(n, n), hold=None) for n, r in fitted.refused.items()]
-    return replace(
-        fitted,
-        names=tuple(level.get(n, n) for n in fitted.names),
-        values=values,
-        refused={r.parameter: r for r in refusals},
-        covariance=turn @ fitted.covariance @ turn.T,
-        solution=replace(fitted.solution, jacobian=[j @ back for j in fitted.solution.jacobian]),
-    )
+def as_written(fitted: Fitted) -> Fitted:
+    """Return the fit with refused values as in the file, not as they were held to rest."""
+    refused = {n: replace(r, hold=None) for n, r in fitted.refused.items()}
+    neutral = {n: r.value(fitted.specs[n]) for n, r in refused.items()}
+    return replace(fitted, values={**fitted.values, **neutral}, refused=refused)
 
 
 def with_brackets(solved: Solved, brackets: Mapping[str, Bracket]) -> Solved:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...estimation.uncertainty import independent_samples
 from ...experiment import FloatArray
-from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, increments, leading_parts
+from .model import BREAKAWAY, SIDES, Compared, DriveModel, increments, leading_parts
 from .start import Stage, values_at
 
 _ROUNDS = 8  # of one level after the other, at most
@@ -54,8 +54,8 @@ def find_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     """
     part = leading_parts(stage.experiments)
     rough = _Profile(replace(stage, experiments=part), increments(part, stage.axis))
-    at, brackets = rough.settle(rough.fit(_in_levels(stage)), {})
-    return _at(stage, at.values), brackets
+    at, brackets = rough.settle(rough.fit(stage.values), {})
+    return stage.at(at.values), brackets
 
 
 def refine_levels(
@@ -72,47 +72,16 @@ def refine_levels(
         return stage, {}
     part = leading_parts(stage.experiments)
     fine = _Profile(replace(stage, experiments=part), Compared())
-    at = fine.fit(_in_levels(stage))
+    at = fine.fit(stage.values)
     # far beyond the noise no other instant of a break-away would make the misfit small
     if at.cost < (_BEYOND_HELP * stage.noise) ** 2 * sum(e.samples for e in part):
         at, brackets = fine.settle(at, brackets)
-    unsure = stage.unknown_drive  # the drive of a row that was lost is known to that
-    wide = {n: replace(b, low=max(b.low - unsure, 0.0), high=b.high + unsure)
-            for n, b in brackets.items()}  # fmt: skip
-    return _at(stage, at.values), wide
-
-
-def levels_of(stage: Stage) -> dict[str, Bracket]:
-    """Open static levels as brackets of no width."""
-    values = _in_levels(stage)
-    return {BREAKAWAY[s]: Bracket(*3 * (values[BREAKAWAY[s]],)) for s in stage.open_sides()}
-
-
-def _in_levels(stage: Stage) -> dict[str, float]:
-    """Start of a search, with levels in place of open excesses."""
-    known = {**stage.start, **stage.held}
-    values = {n: known[n] for n in stage.names}
-    for s in stage.open_sides():
-        values[BREAKAWAY[s]] = values[f"coulomb_{s}"] + values.pop(EXCESS[s])
-    return values
-
-
-def _at(stage: Stage, values: Mapping[str, float]) -> Stage:
-    """The stage at values that :func:`_in_levels` began."""
-    excesses = {EXCESS[s]: max(values[BREAKAWAY[s]] - values[f"coulomb_{s}"], 0.0)
-                for s in stage.open_sides()}  # fmt: skip
-    return replace(stage, start={**stage.start, **values, **excesses})
+    return stage.at(at.values), brackets
 
 
 def hold_levels(stage: Stage, brackets: Mapping[str, Bracket]) -> Stage:
-    """The stage with bracketed levels held in place of the excesses."""
-    own = {EXCESS[s]: b for s, b in BREAKAWAY.items() if b in brackets}
-    return replace(
-        stage,
-        names=tuple(own.get(n, n) for n in stage.names),
-        start={n: v for n, v in stage.start.items() if n not in own},
-        fixed={**stage.fixed, **{n: b.value for n, b in brackets.items()}},
-    )
+    """The stage with bracketed levels held."""
+    return replace(stage, fixed={**stage.fixed, **{n: b.value for n, b in brackets.items()}})
 
 
 class _Profile:
@@ -121,7 +90,7 @@ class _Profile:
     def __init__(self, stage: Stage, compared: Compared) -> None:
         self.stage, self.compared = stage, compared
         self.model = DriveModel(stage.experiments, stage.axis, compared)
-        kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
+        kept = {*stage.held, *BREAKAWAY.values()}
         self.others = [n for n in stage.names if n not in kept]
 
     def settle(
@@ -162,7 +131,8 @@ class _Profile:
     def _choose(self, side: str, at: _Refitted, near: Bracket | None) -> tuple[Bracket, _Refitted]:
         """The bracket of one level among the commanded ones, and the fit there."""
         name, acting = BREAKAWAY[side], [p.torque.coefficients[:, 0] for p, _ in self.model.inputs]
-        levels = levels_above(acting, at.values, side)
+        limits = self.stage.unknowns[name]
+        levels = np.unique(np.clip(levels_above(acting, at.values, side), limits.low, limits.high))
         low, high = 0, levels.size - 1
         if near is not None:
             low = max(int(np.searchsorted(levels, near.low)) - _NEAR, low)
@@ -216,7 +186,9 @@ class _Profile:
         around = _around(known, int(np.argmin(np.repeat(np.where(refitted, least, np.inf), sizes))))
         value = 0.5 * float(edges[around[0]] + edges[around[1] + 1])
         low, high = max(ends[0] - margin, 0), min(ends[-1] + margin, middles.size - 1) + 1
-        return Bracket(float(edges[low]), float(edges[high]), value), best.at(name, value)
+        # a level that the logs cannot tell from that of the best fit
+        best = replace(best, values={**best.values, name: value})
+        return Bracket(float(edges[low]), float(edges[high]), value), best
 
 
 @dataclass(frozen=True)
@@ -237,10 +209,6 @@ class _Refitted:
         basis, _ = np.linalg.qr(self.jacobian / np.where(size > 0.0, size, 1.0))
         left = errors - (errors @ basis) @ basis.T
         return np.sum(np.square(left), axis=1)
-
-    def at(self, name: str, level: float) -> _Refitted:
-        """The same fit at another level that the logs cannot tell from its own."""
-        return replace(self, values={**self.values, name: level})
 
 
 def _around(good: np.ndarray, best: int) -> tuple[int, int]:

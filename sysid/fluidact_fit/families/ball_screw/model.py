@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.price import simulated
 from ...estimation.problem import Basis, Slopes
@@ -23,7 +21,6 @@ from ...options import choice, settled
 
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
-EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
 SPEED = "stribeck_speed"  # of the curve that joins a static level to its kinetic one
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
@@ -96,31 +93,19 @@ class Compared:
 class DriveModel:
     """Stick-slip response of one or several logs as a named model.
 
-    Static levels enter as ``excess_* = breakaway_* - coulomb_* >= 0`` unless a
-    ``breakaway_*`` value is given. ``initial_speed[i]`` is a nuisance value of the runs
-    that do not start at rest. ``logged`` says that a logger recorded the drive, which may have
-    lost rows; a drive that somebody chose has all of them, however uneven.
+    A static level below its kinetic one acts as the kinetic level. ``initial_speed[i]`` is a
+    nuisance value of the runs that do not start at rest.
     """
 
     def __init__(
-        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None,
-        *, logged: bool = True,
-    ) -> None:  # fmt: skip
+        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
+    ) -> None:
         self.axis, self.compared = axis, compared or Compared()
         self.times = [e.time for e in experiments]
-        drives = [e.signals[axis.drive] for e in experiments]
-        self.drives = [fill_lost_rows(s) for s in drives] if logged else drives
-        self.inputs = [Passes.on_samples(s, t) for s, t in zip(self.drives, self.times)]
+        self.inputs = [Passes.on_samples(e.signals[axis.drive], e.time) for e in experiments]
         motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(s.values) for s in motions]
         self.resolutions = [s.resolution for s in motions]
-
-    def disturbed(self, errors: Sequence[FloatArray]) -> DriveModel:
-        """The model under drives with errors at their nodes, lost rows included [SI]."""
-        other = copy(self)
-        other.drives = [replace(s, values=s.values + e) for s, e in zip(self.drives, errors)]
-        other.inputs = [Passes.on_samples(s, t) for s, t in zip(other.drives, self.times)]
-        return other
 
     def motion(self, index: int, values: Values) -> tuple[Motion, npt.NDArray[np.intp]]:
         """Simulated motion of one log and the nodes that are its samples.
@@ -128,13 +113,10 @@ class DriveModel:
         Values may be rows of equal length, which are simulated together.
         """
         size = max(np.size(v) for v in values.values())
-
         inertia = np.broadcast_to(values[self.axis.inertia], (size,))
-        static = {BREAKAWAY[s]: values[BREAKAWAY[s]] if BREAKAWAY[s] in values
-                  else values[f"coulomb_{s}"] + values[EXCESS[s]] for s in SIDES}  # fmt: skip
         passes, samples = self.inputs[index]
         speed = np.broadcast_to(values.get(f"initial_speed[{index}]", 0.0), (size,))
-        drive = StickSlip.of(inertia, values, static)
+        drive = StickSlip.of(inertia, values)
         return simulate_stick_slip(drive, passes, initial_speed=speed), samples
 
     def motions(self, values: Values) -> list[Motion]:

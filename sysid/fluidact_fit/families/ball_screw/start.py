@@ -9,18 +9,16 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.inputs import settled_hold
-from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.problem import Problem, StationaryPoint, Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
-from ...family import FamilyOptions, ParameterSpec, Request, Variant
+from ...family import FamilyOptions, Request, Variant
 from ...signals import smooth
 from .model import (
     BREAKAWAY,
-    EXCESS,
     SIDES,
     SPEED,
     Axis,
@@ -79,12 +77,6 @@ class Stage:
         return all(settled_hold(s) == "zoh" for s in drives)
 
     @property
-    def unknown_drive(self) -> float:
-        """Standard deviation of the drive in rows that were lost [SI]; 0 without any."""
-        lost = [find_lost_rows(e.signals[self.axis.drive]) for e in self.experiments]
-        return max((float(rows.error.max()) for rows in lost if rows), default=0.0)
-
-    @property
     def rounding(self) -> float:
         """Standard deviation of what the coarsest encoder rounds off [SI]."""
         steps = [e.signals[self.axis.motion].resolution for e in self.experiments]
@@ -96,14 +88,23 @@ class Stage:
         motions = [e[self.axis.motion] for e in self.experiments]
         return max(self.rounding, *(noise_floor(y, robust=False) for y in motions))
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the model where the search now is, those that are held included [SI]."""
+        known = {**self.start, **self.held}
+        return {n: known[n] for n in self.names}
+
+    def at(self, values: Mapping[str, float]) -> Stage:
+        """The stage with the search at other values."""
+        return replace(self, start={**self.start, **values})
+
     def open_sides(self) -> list[str]:
-        """Directions whose static level is to be fitted and has not been refused."""
-        refused = {r.parameter for r in self.refusals}
-        return [s for s in SIDES if EXCESS[s] in self.names and EXCESS[s] not in refused]
+        """Directions whose static level is to be fitted: neither given nor refused."""
+        return [s for s in SIDES if BREAKAWAY[s] not in self.held]
 
     def refuse_levels(self, reason: str, sides: Collection[str]) -> Stage:
         """The stage with the static levels of some directions refused."""
-        return self.refuse(*(Refusal(EXCESS[s], reason, 0.0) for s in sides))
+        return self.refuse(*(Refusal(BREAKAWAY[s], reason) for s in sides))
 
     def refuse(self, *refusals: Refusal) -> Stage:
         """The stage with parameters refused."""
@@ -127,11 +128,6 @@ def values_at(problem: Problem, eta: FloatArray) -> dict[str, float]:
     return {u.name: float(x) for u, x in zip(problem.nonlinear, eta)}
 
 
-def excess_specs(variant: Variant) -> list[ParameterSpec]:
-    """Specifications of the excesses, by which the fit knows the static levels."""
-    return [replace(variant.parameter(BREAKAWAY[s]), name=EXCESS[s]) for s in SIDES]
-
-
 def first_stage(
     variant: Variant, experiments: Sequence[Experiment], request: Request[FamilyOptions],
     one_sided: bool,
@@ -142,28 +138,21 @@ def first_stage(
     """
     axis = axis_of(variant)
     viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
-    direct = {*request.fixed, *request.bounds}
-    static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
     given = [SPEED] if SPEED in request.fixed else []
-    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static, *given)
-    specs = [*variant.parameters, *excess_specs(variant)]
+    kinetic = [f"coulomb_{s}" for s in SIDES]
+    names = (axis.inertia, *viscous, *kinetic, *BREAKAWAY.values(), *given)
     request.progress("inverse dynamics")
     guess = {**_inverse_dynamics(experiments, axis, viscous), **dict.fromkeys(given, 0.0)}
     moving = initial_speeds(experiments, axis)
     unknowns = {
-        **make_unknowns(specs, names, guess, request, _search_limits(names, guess)),
+        **make_unknowns(variant.parameters, names, guess, request, _search_limits(names, guess)),
         **speed_unknowns(moving),
     }
-    asked = dict(request.start)
-    for s in SIDES:
-        if BREAKAWAY[s] in asked:
-            kinetic = asked.get(f"coulomb_{s}", guess[f"coulomb_{s}"])
-            asked[EXCESS[s]] = max(asked[BREAKAWAY[s]] - kinetic, 0.0)
     resting = _withstood(experiments, axis)
+    start = {**guess, **moving, **request.start}
     stage = Stage(
-        experiments, axis, (*names, *moving), unknowns, {**guess, **moving, **asked}, resting,
-        dict(request.fixed),
-    )  # fmt: skip
+        experiments, axis, (*names, *moving), unknowns, start, resting, dict(request.fixed)
+    )
     return stage.refuse(*_sides_at_rest(stage, variant.role(axis.drive).unit))
 
 
@@ -234,7 +223,7 @@ def _as_guess(
     guess.update(zip(viscous, np.maximum(x[1:-2], 0.01 * drive / speed)))
     for s, kinetic in zip(SIDES, np.clip(x[-2:], 0.02 * drive, 0.9 * drive)):
         guess[f"coulomb_{s}"] = kinetic
-        guess[EXCESS[s]], guess[BREAKAWAY[s]] = 0.2 * kinetic, 1.2 * kinetic
+        guess[BREAKAWAY[s]] = 1.2 * kinetic
     return {k: float(v) for k, v in guess.items()}
 
 
@@ -272,7 +261,7 @@ def _sides_at_rest(stage: Stage, unit: str) -> list[Refusal]:
         tried = f"at most {push:.3g} {unit} push that way" if push > 0.0 else "nothing pushes"
         reason = f"the {stage.axis.motion} never moves in the {s} direction ({tried})."
         hold = 1.5 * stage.largest_drive
-        out += [Refusal(f"coulomb_{s}", reason, hold), Refusal(EXCESS[s], reason, 0.0)]
+        out += [Refusal(f"coulomb_{s}", reason, hold), Refusal(BREAKAWAY[s], reason)]
         if f"viscous_{s}" in stage.names:
             out.append(Refusal(f"viscous_{s}", reason, 0.0))
     return out

@@ -20,7 +20,6 @@ from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Quantity, Request, Simulate, UnmodelledEffect
 from .model import (
     BREAKAWAY,
-    EXCESS,
     SIDES,
     SPEED,
     Axis,
@@ -52,7 +51,10 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
     lively = sorted(stage.experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
     part = leading_parts(lively, _SEARCHED)
     searched = replace(stage, experiments=part, names=names, unknowns=unknowns)
-    least = {EXCESS[s]: _LEAST_EXCESS * stage.start[f"coulomb_{s}"] for s in stage.open_sides()}
+    least = {
+        BREAKAWAY[s]: (1.0 + _LEAST_EXCESS) * stage.start[f"coulomb_{s}"]
+        for s in stage.open_sides()
+    }
     begin = {**stage.start, **{n: max(x, stage.start[n]) for n, x in least.items()}}
     speeds = [request.start[SPEED]] if SPEED in request.start else [r * top for r in _GRID]
     best, start = np.inf, begin
@@ -111,20 +113,17 @@ def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refus
 
 def _falls(found: Solved, unit: str) -> list[Quantity]:
     """Excess of each estimated static level above its kinetic one [``unit``]."""
-    sides = [s for s in SIDES if {EXCESS[s], BREAKAWAY[s]} & {*found.names}]
+    sides = [s for s in SIDES if BREAKAWAY[s] in found.names]
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
-        return {
-            s: v[EXCESS[s]] if EXCESS[s] in found.names else v[BREAKAWAY[s]] - v[f"coulomb_{s}"]
-            for s in sides
-        }
+        return {s: v[BREAKAWAY[s]] - v[f"coulomb_{s}"] for s in sides}
 
     return list(found.derive(dict.fromkeys(sides, unit), function).values())
 
 
 def without_level(stage: Stage) -> Refusal | None:
     """The speed of the curve, where no static level is known from which friction could fall."""
-    if stage.open_sides() or any(b in stage.names for b in BREAKAWAY.values()):
+    reasons = [r.reason for r in stage.refusals if r.parameter in BREAKAWAY.values()]
+    if len(reasons) < len(BREAKAWAY):
         return None
-    reasons = [r.reason for r in stage.refusals if r.parameter in EXCESS.values()]
     return Refusal(SPEED, f"no static level is known from which friction could fall: {reasons[-1]}")
