@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.blocks import joined
-from ...estimation.map import MapFit, MapRows, position_edges
+from ...estimation.map import MapRows, position_edges
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
 from ...experiment import (
@@ -28,7 +28,7 @@ from .calibration import rising_share
 from .options import PotentiometerOptions
 
 FINE = 4096  # rows that searches work on
-_NEAR = 21  # readings beside an extreme one
+_SEVERAL = 3  # samples at one extreme reading that are no accident
 _SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
 
 
@@ -58,6 +58,14 @@ class Data:
         sizes = [int(np.count_nonzero(self.used[p])) for p in self.parts]
         ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
         return [values[a:b] for a, b in pairwise(ends)]
+
+    def stretch(self, most: int) -> Data:
+        """Beginning of the longest log."""
+        longest = max(self.parts, key=lambda p: p.stop - p.start)
+        at = slice(longest.start, min(longest.stop, longest.start + most))
+        reading, reference, used = self.reading[at], self.reference[at], self.used[at]
+        whole = (slice(0, reading.size),)
+        return replace(self, reading=reading, reference=reference, parts=whole, used=used)
 
     def rising(self, dead_band: float) -> FloatArray:
         """Share of the rising branch of the used samples; each log from its own start."""
@@ -145,47 +153,34 @@ def _settle_rails(
     rails = given or (low - margin, high + margin)
     for k, end in enumerate((low, high)):
         if given is not None:
-            clips = x <= rails[0] if k == 0 else x >= rails[1]
-            count, kind = int(np.count_nonzero(clips)), "rails"
+            count = int(np.count_nonzero(x <= rails[0] if k == 0 else x >= rails[1]))
         else:
-            count, kind = _resting(x, y, end)
+            count = _count_clipped(x, y, end)
         if not count:
             continue
-        inside = 0.0
-        if count >= 3:
-            kept = between(x, rails if given else (low, high))
-            inside = 3.0 * _reading_noise(x[kept], y[kept])
+        alone = given is None and count < _SEVERAL
+        kept = between(x, rails if given else (low, high))
+        inside = 0.0 if count < _SEVERAL else 3.0 * _reading_noise(x[kept], y[kept])
         at = rails[k] if given else end
         rails = (at + inside, rails[1]) if k == 0 else (rails[0], at - inside)
         every = f"{low - margin:g}:{high + margin:g}"
-        notices.append(_rails_notice(kind, count, at, inside, every))
+        notices.append(_rails_notice(alone, count, at, inside, every))
     return (rails if given is not None or notices else None), notices
 
 
-def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
-    """Number of samples clipped at an extreme reading, and the code of the notice.
+def _count_clipped(x: FloatArray, y: FloatArray, end: float) -> int:
+    """Number of samples at an extreme reading whose mean reference is off its neighbours' course.
 
-    Three or more whose references spread three times wider than those of the readings beside it
-    (their scatter about a straight line, and the slope of that line over one step of the
-    converter) are; so is a lone one off the course of its neighbours.
+    A clipped reading stands for all positions beyond it.
     """
     distinct = np.unique(x[:: max(x.size // 200_000, 1)])
-    if distinct.size < 6:
-        return 0, ""
     if end > distinct[0]:
         distinct = distinct[::-1]
-    at, near = x == end, distinct[distinct != end][:_NEAR]
-    count = int(np.count_nonzero(at))
-    if count >= 3:
-        beside = (x >= near.min()) & (x <= near.max())
-        line = np.polynomial.Polynomial.fit(x[beside], y[beside], 1)
-        scatter = float(np.std(y[beside] - line(x[beside])))
-        slope = abs(float(line.convert().coef[-1]))
-        finest = float(np.abs(np.diff(distinct)).min())
-        return (count, "rails") if np.std(y[at]) > 3.0 * (scatter + slope * finest) else (0, "")
-    means = np.array([y[x == v].mean() for v in near[:9]])
-    off = _is_off_course(near[:9] - end, means - float(y[at].mean()))
-    return (count, "rails-suspected") if off else (0, "")
+    near = distinct[distinct != end][:9]
+    means = np.array([y[x == v].mean() for v in near])
+    at = x == end
+    off = _is_off_course(near - end, means - float(y[at].mean()))
+    return int(np.count_nonzero(at)) if off else 0
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
@@ -223,9 +218,9 @@ def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
     return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
 
 
-def _rails_notice(kind: str, count: int, rail: float, inside: float, every: str) -> Notice:
+def _rails_notice(alone: bool, count: int, rail: float, inside: float, every: str) -> Notice:
     samples = "1 sample" if count == 1 else f"{count} samples"
-    if kind == "rails-suspected":
+    if alone:
         text = (
             f"the extreme reading {rail:g} looks clipped, as its position does not follow from "
             f"the readings beside it: {samples} left out. Give --rails {every} to keep all."
@@ -270,10 +265,6 @@ class Scaled:
     def words(self, scaled: float) -> str:
         """A difference of positions in words."""
         return self.output.text(scaled * self.stroke)
-
-    def squares(self, fit: MapFit) -> float:
-        """Sum of squared residuals of all rows."""
-        return self.rows.squares(fit)
 
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
