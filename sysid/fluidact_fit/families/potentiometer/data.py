@@ -28,7 +28,7 @@ from .calibration import rising_share
 from .options import PotentiometerOptions
 
 FINE = 4096  # rows that searches work on
-_SEVERAL = 3  # samples at one extreme reading that are no accident
+_NEAR = 21  # readings beside an extreme one
 _SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
 
 
@@ -153,34 +153,47 @@ def _settle_rails(
     rails = given or (low - margin, high + margin)
     for k, end in enumerate((low, high)):
         if given is not None:
-            count = int(np.count_nonzero(x <= rails[0] if k == 0 else x >= rails[1]))
+            clips = x <= rails[0] if k == 0 else x >= rails[1]
+            count, kind = int(np.count_nonzero(clips)), "rails"
         else:
-            count = _count_clipped(x, y, end)
+            count, kind = _resting(x, y, end)
         if not count:
             continue
-        alone = given is None and count < _SEVERAL
-        kept = between(x, rails if given else (low, high))
-        inside = 0.0 if count < _SEVERAL else 3.0 * _reading_noise(x[kept], y[kept])
+        inside = 0.0
+        if count >= 3:
+            kept = between(x, rails if given else (low, high))
+            inside = 3.0 * _reading_noise(x[kept], y[kept])
         at = rails[k] if given else end
         rails = (at + inside, rails[1]) if k == 0 else (rails[0], at - inside)
         every = f"{low - margin:g}:{high + margin:g}"
-        notices.append(_rails_notice(alone, count, at, inside, every))
+        notices.append(_rails_notice(kind, count, at, inside, every))
     return (rails if given is not None or notices else None), notices
 
 
-def _count_clipped(x: FloatArray, y: FloatArray, end: float) -> int:
-    """Number of samples at an extreme reading whose mean reference is off its neighbours' course.
+def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
+    """Number of samples clipped at an extreme reading, and the code of the notice.
 
-    A clipped reading stands for all positions beyond it.
+    Three or more whose references spread three times wider than those of the readings beside it
+    (their scatter about a straight line, and the slope of that line over one step of the
+    converter) are; so is a lone one off the course of its neighbours.
     """
     distinct = np.unique(x[:: max(x.size // 200_000, 1)])
+    if distinct.size < 6:
+        return 0, ""
     if end > distinct[0]:
         distinct = distinct[::-1]
-    near = distinct[distinct != end][:9]
-    means = np.array([y[x == v].mean() for v in near])
-    at = x == end
-    off = _is_off_course(near - end, means - float(y[at].mean()))
-    return int(np.count_nonzero(at)) if off else 0
+    at, near = x == end, distinct[distinct != end][:_NEAR]
+    count = int(np.count_nonzero(at))
+    if count >= 3:
+        beside = (x >= near.min()) & (x <= near.max())
+        line = np.polynomial.Polynomial.fit(x[beside], y[beside], 1)
+        scatter = float(np.std(y[beside] - line(x[beside])))
+        slope = abs(float(line.convert().coef[-1]))
+        finest = float(np.abs(np.diff(distinct)).min())
+        return (count, "rails") if np.std(y[at]) > 3.0 * (scatter + slope * finest) else (0, "")
+    means = np.array([y[x == v].mean() for v in near[:9]])
+    off = _is_off_course(near[:9] - end, means - float(y[at].mean()))
+    return (count, "rails-suspected") if off else (0, "")
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
@@ -218,9 +231,9 @@ def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
     return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
 
 
-def _rails_notice(alone: bool, count: int, rail: float, inside: float, every: str) -> Notice:
+def _rails_notice(kind: str, count: int, rail: float, inside: float, every: str) -> Notice:
     samples = "1 sample" if count == 1 else f"{count} samples"
-    if alone:
+    if kind == "rails-suspected":
         text = (
             f"the extreme reading {rail:g} looks clipped, as its position does not follow from "
             f"the readings beside it: {samples} left out. Give --rails {every} to keep all."
