@@ -59,14 +59,6 @@ class Data:
         ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
         return [values[a:b] for a, b in pairwise(ends)]
 
-    def stretch(self, most: int) -> Data:
-        """Beginning of the longest log."""
-        longest = max(self.parts, key=lambda p: p.stop - p.start)
-        at = slice(longest.start, min(longest.stop, longest.start + most))
-        reading, reference, used = self.reading[at], self.reference[at], self.used[at]
-        whole = (slice(0, reading.size),)
-        return replace(self, reading=reading, reference=reference, parts=whole, used=used)
-
     def rising(self, dead_band: float) -> FloatArray:
         """Share of the rising branch of the used samples; each log from its own start."""
         shares = [rising_share(self.reading[p], dead_band) for p in self.parts]

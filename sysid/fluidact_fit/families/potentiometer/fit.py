@@ -29,11 +29,13 @@ from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...experiment import BoolArray, FloatArray, all_of, where_finite
 from ...family import Request
 from ...units import after_number
+from .calibration import rising_share
 from .data import Data, Scaled, scale_samples
 from .options import PotentiometerOptions
 from .rational_bezier import (
     LOG_WEIGHT_LIMIT,
     BezierModel,
+    bernstein,
     curves_of,
     elevate,
     is_monotone,
@@ -91,32 +93,34 @@ def fit_curve(data: Data, scaled: Scaled, request: Request[PotentiometerOptions]
 
 
 def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
-    """Dead band between two branches that describes the data best [unit of the reading].
+    """Dead band that describes the data best [unit of the reading].
 
-    Of bands from the finest step of the readings upwards, judged by a stretch of one log. Both
-    branches have the weights of the pooled curve then, which leaves linear unknowns.
+    The branches are taken to be polynomials of the pooled curve, nearly straight ones.
     """
     if "hysteresis_dead_band" in request.fixed:
         return float(request.fixed["hysteresis_dead_band"])
     if request.options.dead_band is not None:
         return request.options.dead_band
-    few = data.stretch(30_000)
-    scaled = scale_samples(few)
-    degree = min(4, _highest_degree(scaled, 1))
-    model = BezierModel(degree)
-    pooled = fit_map(model, scaled.few, model.starts(scaled.few), 1e-2)
-    ((_, weights),) = curves_of(pooled)
-    model = BezierModel(degree, branches=2)
-    steps = np.diff(np.unique(scaled.few.x[:, 0]))
-    bands = scaled.span * max(2.0 * float(steps.min()), MATTERS) * 2.0 ** np.arange(6)
-
-    def missed(band: float) -> float:
-        split = scale_samples(few, band)
-        theta = model.start(split.few, [weights, weights])
-        return float(np.sum((split.rows.y - model.value(theta, split.rows.x)) ** 2))
-
-    squares = np.array([missed(band) for band in bands.tolist()])
-    return float(bands[np.argmin(np.round(squares / squares.min(), 3))])
+    scaled = scale_samples(data)
+    model = BezierModel(min(4, _highest_degree(scaled, 1)))
+    pooled = fit_map(model, scaled.few, model.starts(scaled.few)[:1])
+    steps = np.diff(np.unique(scaled.few.x[:, 0])) * scaled.span
+    finest = max(2.0 * float(steps.min()), MATTERS * scaled.span)
+    part = max(data.parts, key=lambda p: p.stop - p.start)
+    part = slice(part.start, min(part.stop, part.start + 30_000))
+    used, x = data.used[part], data.reading[part]
+    t = (x[used] - scaled.low) / scaled.span
+    y = (data.reference[part][used] - scaled.base) / scaled.stroke
+    level = model.value(pooled.theta, np.column_stack((t, t)))
+    b = bernstein(np.clip(level, 0.0, 1.0), 4)
+    bands = finest * 2.0 ** np.arange(6)
+    left = []
+    for band in bands:
+        share = rising_share(x, band)[used, None]
+        columns = np.hstack((b * share, b * (1.0 - share)))
+        rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        left.append(float(rest @ rest))
+    return float(bands[np.argmin(np.round(np.array(left) / min(left), 3))])
 
 
 def _highest_degree(scaled: Scaled, branches: int) -> int:
@@ -380,12 +384,12 @@ def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Not
     reading = f"{scaled.low + misfit.worst * scaled.span:.6g}{after_number(unit)}"
     common = (
         ", or the reference at a position is off by that much, which more readings there do not "
-        "mend"
-    )
+        "mend" if misfit.at_rest else ""
+    )  # fmt: skip
     text = (
         f"the curve misses the readings by {scaled.words(misfit.rms)} (RMS), while readings "
         f"beside each other scatter by {scaled.words(float(np.sqrt(misfit.within)))}, most of all "
-        f"at a reading of {reading}: it cannot follow the sensor{common * misfit.at_rest}. "
+        f"at a reading of {reading}: it cannot follow the sensor{common}. "
         "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
         "(--rails)."
     )
