@@ -30,6 +30,7 @@ from .motion_state import running_median
 from .price import exhausted, simulated
 from .uncertainty import Uncertainty, covariance, enlarge, middle_of
 
+AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
 _BREAK = 4.0  # ratio of the gap between two positions to those between readings of one

@@ -15,6 +15,7 @@ import numpy as np
 from ..experiment import Array, FloatArray
 from ..specification import ParameterSpec, Request
 from .map import (
+    AT_ODDS,
     DirectionEffect,
     MapFit,
     MapRows,
@@ -29,7 +30,6 @@ from .problem import STEP
 from .results import Refusal, Solved, determine, left_open
 
 Law = Callable[[Mapping[str, Any], FloatArray], Array]
-_AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def fit_named_map(
         simple = solve({**held, refusal.parameter: refusal.value(table[refusal.parameter])})
         extra = found.theta.size - simple.theta.size
         tail = excess_tail(simple.cost, found.cost, extra, data.y.size, found.theta.size)
-        return tail < _AT_ODDS
+        return tail < AT_ODDS
 
     given = {r.parameter for r in refusals} | set(request.fixed)
     known = {r.parameter: r.value(table[r.parameter]) for r in refusals} | dict(request.fixed)

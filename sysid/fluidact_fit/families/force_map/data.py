@@ -27,7 +27,7 @@ class Data:
     """All logs in one table.
 
     ``x`` has shape ``(n, inputs)``, all others ``(n,)`` [SI]. ``used`` marks what is fitted,
-    ``settled`` what lies well within a branch; at ``cuts`` another experiment begins.
+    ``settled`` what lies well within a branch.
     """
 
     names: tuple[str, ...]
@@ -39,7 +39,6 @@ class Data:
     settled: BoolArray
     position: FloatArray
     log: npt.NDArray[np.intp]
-    cuts: npt.NDArray[np.intp]
 
 
 def settle_dead_bands(
@@ -77,7 +76,7 @@ def gather(
         names, units, table, y, is_known(table, names) & np.isfinite(y),
         np.concatenate(directions), np.concatenate(settled),
         np.concatenate([column_of(e, "position") for e in experiments]),
-        np.repeat([e.log for e in experiments], sizes), np.cumsum(sizes)[:-1],
+        np.repeat([e.log for e in experiments], sizes),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.blocks import joined
-from ...estimation.map import MapFit, MapRows, position_edges
+from ...estimation.map import MapRows, position_edges
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
 from ...experiment import (
@@ -270,10 +270,6 @@ class Scaled:
     def words(self, scaled: float) -> str:
         """A difference of positions in words."""
         return self.output.text(scaled * self.stroke)
-
-    def squares(self, fit: MapFit) -> float:
-        """Sum of squared residuals of all rows."""
-        return self.rows.squares(fit)
 
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:

@@ -127,7 +127,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         if band is not None:
             check_both_directions(scaled.rows)
         found = fit_curve(data, scaled, request)
-        parameters, order, matrix, _ = curve_quantities(found, scaled)
+        parameters, order, matrix = curve_quantities(found, scaled)
         parameters["reading_range"] = Quantity(
             [scaled.low, scaled.low + scaled.span], data.unit, "derived"
         )

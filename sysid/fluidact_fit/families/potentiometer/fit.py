@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.map import (
+    AT_ODDS,
     Index,
     MapFit,
     MapRows,
@@ -27,6 +28,7 @@ from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...experiment import BoolArray, FloatArray, all_of, where_finite
 from ...family import Request
+from ...units import after_number
 from .calibration import rising_share
 from .data import Data, Scaled, scale_samples
 from .options import PotentiometerOptions
@@ -42,7 +44,6 @@ from .rational_bezier import (
 
 MOST = 5  # highest degree of an automatic choice
 MATTERS = 2e-3  # part of the stroke that is worth saying
-_PLENTY = 14  # positions that are no longer few
 _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both branches
 
 
@@ -50,15 +51,13 @@ _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both br
 class CurveFit:
     """A chosen curve: the fit, covariance of control points and log weights, scores, notices.
 
-    ``spread`` is in scaled units, its rows ``P_0..P_N, log w_0/w_0..log w_N/w_0`` per branch;
-    ``jacobians`` are derivatives of the scaled curve by the same, per log.
+    ``spread`` is in scaled units, its rows ``P_0..P_N, log w_0/w_0..log w_N/w_0`` per branch.
     """
 
     fit: MapFit
     spread: Uncertainty
     scores: list[tuple[int, float]]
     notices: list[Notice]
-    jacobians: list[FloatArray]
 
     @property
     def model(self) -> BezierModel:
@@ -87,7 +86,7 @@ def fit_curve(data: Data, scaled: Scaled, request: Request[PotentiometerOptions]
         *_misfit_notice(misfit, scaled, data.unit),
         *_direction_notice(fit, scaled, data),
     ]
-    return CurveFit(fit, spread, scores, notices, [])
+    return CurveFit(fit, spread, scores, notices)
 
 
 # ------------------------------------------------------------------------------ the search
@@ -223,34 +222,30 @@ def _keep_monotone(
     model = replace(model_of(fit), direction=1 if line.coef[-1] > 0.0 else -1)
     starts = [model.start(rows, [w for _, w in curves_of(fit)]), *model.starts(rows)]
     kept = fit_map(model, rows, starts)
-    ratio = np.sqrt(scaled.squares(kept) / max(scaled.squares(fit), 1e-300))
-    at_odds = _tail(scaled, kept, fit) < 1e-3
-    if not at_odds:
+    ratio = np.sqrt(scaled.rows.squares(kept) / max(scaled.rows.squares(fit), 1e-300))
+    cost = f"the residuals of the monotone curve are {ratio:.4g} times those of the free one"
+    if _tail(scaled, kept, fit) >= AT_ODDS:
         text = (
             f"the best curve of degree {model.degree} turns back within the range, which the "
-            "data do not demand: it was kept monotone, so that every position has one reading. "
-            f"Its residuals are {ratio:.4g} times those of the free one (--no-monotone)."
+            "data do not demand: it was kept monotone, so that every position has one reading; "
+            f"{cost} (--no-monotone)."
         )
         return kept, [] if wanted else [Notice("kept-monotone", text)]
     if wanted:
-        text = (
-            f"the data resist --monotone: the residuals of the monotone curve are {ratio:.3g} "
-            "times those of the free one. Give --no-monotone, or another degree."
-        )
-    else:
-        text = (
-            f"the curve of degree {model.degree} turns back within the range, so a position "
-            f"may have two readings; kept monotone its residuals would be {ratio:.3g} times as "
-            "large. Try another --degree, or give --monotone."
-        )
-    return kept if wanted else fit, [Notice("not-monotone", text)]
+        text = f"the data resist --monotone: {cost}. Give --no-monotone, or another degree."
+        return kept, [Notice("not-monotone", text)]
+    text = (
+        f"the curve of degree {model.degree} turns back within the range, so a position may have "
+        f"two readings; {cost}. Try another --degree, or give --monotone."
+    )
+    return fit, [Notice("not-monotone", text)]
 
 
 def _tail(scaled: Scaled, restricted: MapFit, fit: MapFit) -> float:
     """Probability that a restricted curve misses so much more by chance."""
     model = model_of(fit)
     return excess_tail(
-        scaled.squares(restricted), scaled.squares(fit), model.degree * model.branches,
+        scaled.rows.squares(restricted), scaled.rows.squares(fit), model.degree * model.branches,
         scaled.rows.y.size, model.unknowns,
     )  # fmt: skip
 
@@ -355,10 +350,9 @@ def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> list[Not
         )
         return [Notice("few-positions", text)]
     positions, highest = scaled.positions, _highest_degree(scaled, model.branches)
-    if model.degree < highest or highest == MOST or positions > _PLENTY:
+    given = not chosen and model.degree == highest > 1
+    if model.degree < highest or highest == MOST or given:
         return []
-    if not chosen and positions >= 2 * model.degree + 4 and highest > 1:
-        return []  # a degree that was given
     text = (
         f"{positions} positions cannot show whether the curve bends more often than one of degree "
         f"{model.degree}, the highest they can test: between them it may be off by far more "
@@ -371,37 +365,31 @@ def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> list[Not
 def _bound_notice(fit: MapFit) -> list[Notice]:
     """Warn of weights that rest on their bound."""
     model = model_of(fit)
-    branches = np.split(~fit.free, model.branches)
-    names = [
-        f"weight of control point {i + 1}{' (falling)' if k else ''}"
-        for k, own in enumerate(branches)
-        for i in np.flatnonzero(own[model.degree + 1 :])
-    ]
-    if not names:
+    own = ~fit.free.reshape(model.branches, -1)
+    bounded = int(np.count_nonzero(own[:, model.degree + 1 :]))
+    if not bounded:
         return []
-    text = (
-        f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from "
-        f"bending too sharply ({', '.join(names)}); their intervals do not count. "
-    )
     advice = "Give another --degree." if model.degree > 1 else "Give --degree 2 or more."
-    return [Notice("weight-at-bound", text + advice)]
+    text = (
+        f"{bounded} of the weights rest on the bound of 50 that keeps the curve from bending too "
+        f"sharply; their intervals do not count. {advice}"
+    )
+    return [Notice("weight-at-bound", text)]
 
 
 def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Notice]:
     """Warn of a curve that misses positions by more than their readings scatter."""
     if misfit is None or misfit.probability > 1e-6 or not misfit.matters(MATTERS):
         return []
-    reading = scaled.low + misfit.worst * scaled.span
+    reading = f"{scaled.low + misfit.worst * scaled.span:.6g}{after_number(unit)}"
     common = (
         ", or the reference at a position is off by that much, which more readings there do not "
         "mend" if misfit.at_rest else ""
     )  # fmt: skip
-    scatter = scaled.words(float(np.sqrt(misfit.within)))
     text = (
         f"the curve misses the readings by {scaled.words(misfit.rms)} (RMS), while readings "
-        f"beside each other scatter by {scatter}, most of all at a reading of "
-        f"{reading:.6g} {unit}".removesuffix(" 1")
-        + f": it cannot follow the sensor{common}. "
+        f"beside each other scatter by {scaled.words(float(np.sqrt(misfit.within)))}, most of all "
+        f"at a reading of {reading}: it cannot follow the sensor{common}. "
         "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
         "(--rails)."
     )
@@ -415,8 +403,7 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
     tremble = 8.0 * max(
         noise_floor(all_of(x, where_finite(x))) for x in (data.reading[p] for p in data.parts)
     )
-    band = 5e-3 * scaled.span
-    share = data.rising(max(tremble, band))
+    share = data.rising(max(tremble, 5e-3 * scaled.span))
     ways = sorted((np.count_nonzero(share > 0.9), np.count_nonzero(share < 0.1)))
     if ways[0] < 10:
         if ways[0] or ways[1] <= 0.9 * share.size or scaled.edges is not None:
@@ -427,11 +414,9 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
             "curve holds for this direction. Record strokes to and fro."
         )
         return [Notice("one-direction", text)]
-    shares = data.by_log(share)
-    if tremble > band:
-        # of the reading before: one that is too high by chance both looks like rising and lies
-        # beside the curve
-        shares = [np.append(s[:1], s[:-1]) for s in shares]
+    # of the reading before: one that is too high by chance both looks like rising and lies
+    # beside the curve
+    shares = [np.append(s[:1], s[:-1]) for s in data.by_log(share)]
     jacobian, rest = scaled.rows.slopes(fit), scaled.rows.residual(fit)
     effect = find_direction_effect(data.by_log(jacobian), data.by_log(rest), shares)
     if not effect.matters(0.5 * MATTERS):

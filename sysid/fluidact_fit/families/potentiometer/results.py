@@ -17,8 +17,8 @@ from .rational_bezier import LOG_WEIGHT_LIMIT, curves_of, rational_bezier
 
 def curve_quantities(
     found: CurveFit, scaled: Scaled
-) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray, FloatArray]:
-    """Parameters of all branches, names and covariance of those estimated, scales of all.
+) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
+    """Parameters of all branches, names and covariance of those estimated.
 
     Weights are positive: their intervals are made of their logarithms.
     """
@@ -51,7 +51,7 @@ def curve_quantities(
     scale = np.concatenate(scales)
     matrix = found.spread.covariance * np.outer(scale, scale)
     kept = np.flatnonzero(np.diag(matrix) > 0.0)
-    return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)], scale
+    return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)]
 
 
 def derived_quantities(found: CurveFit, scaled: Scaled) -> dict[str, Quantity]:
