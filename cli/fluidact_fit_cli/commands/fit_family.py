@@ -145,7 +145,7 @@ def run_fit(
     if params["as_json"]:
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
-        echo_parameters(result.document.to_dict(), params["verbose"])
+        echo_parameters(result.document, params["verbose"])
         echo_text("written to " + ", ".join(targets.values()))
     if not params["quiet"]:
         echo_notices(result.notices)
