@@ -28,9 +28,11 @@ import numpy as np
 from .errors import UsageError
 from .families import get_family
 from .logs import Log, LogLike, Reading, describe, open_logs
+from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, Presented, document_of
-from .tables import Table, format_number
+from .tables import Table, format_estimate, format_number, probability_text
+from .units import display_unit
 
 _PARAMETERS = (".yaml", ".yml")
 # Keywords that the command line has by another name.
@@ -43,7 +45,7 @@ _SAME_STEP = 0.01  # part by which two sample times may differ
 
 
 @dataclass(frozen=True)
-class Beside:
+class ParameterComparison:
     """One parameter, or entry of a list, in every file; ``None`` where a file has it not.
 
     ``deviations`` are its differences from the first file in standard errors.
@@ -55,6 +57,17 @@ class Beside:
     std_errors: tuple[float | None, ...]
     statuses: tuple[str | None, ...]
     deviations: tuple[float | None, ...]
+
+    def cells(self, recorded: Sequence[str]) -> tuple[str, ...]:
+        """Return the row of a table: name, unit, and of every file value and deviation."""
+        size = max((abs(v) for v in self.values if v is not None), default=0.0)
+        shown = display_unit(self.unit, size, recorded)
+        row = [self.name, shown.unit]
+        every = zip(self.values, self.std_errors, self.statuses, self.deviations)
+        for k, (value, error, status, z) in enumerate(every):
+            row.append(_number(value, error, status, shown.factor))
+            row += [("" if z is None else f"{z:+.1f}")] if k else []
+        return tuple(row)
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,8 @@ class Together:
         if not self.degrees:
             return f"{self.file}: nothing that both files estimated"
         verdict = "differs by more than chance" if self.differs else "does not differ beyond chance"
-        text = f"{self.file}: {verdict} ({self.degrees} numbers together, p = {self.p_value:.2g})"
+        text = f"{self.file}: {verdict} ({self.degrees} numbers together, "
+        text += f"{probability_text(self.p_value)})"
         if self.shared_logs:
             text += (
                 f"; both were fitted to {', '.join(self.shared_logs)}: their errors are the same "
@@ -118,12 +132,16 @@ class _Compared(ABC):
 
 @dataclass(frozen=True)
 class Comparison(_Compared):
-    """Parameter files of one family beside each other."""
+    """Parameter files of one family beside each other [SI].
+
+    Tables are in the ``recorded_units`` of the first file where these suit.
+    """
 
     family: str
     files: tuple[str, ...]
-    parameters: tuple[Beside, ...]
+    parameters: tuple[ParameterComparison, ...]
     together: tuple[Together, ...]
+    recorded_units: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text."""
@@ -134,14 +152,7 @@ class Comparison(_Compared):
         head = ["parameter", "unit"]
         for k, name in enumerate(_distinct(self.files)):
             head += [name, *(["std errors"] if k else [])]
-        rows = []
-        for p in self.parameters:
-            row = [p.name, p.unit]
-            every = zip(p.values, p.std_errors, p.statuses, p.deviations)
-            for k, (value, error, status, z) in enumerate(every):
-                row.append(_number(value, error, status))
-                row += [("" if z is None else f"{z:+.1f}")] if k else []
-            rows.append(tuple(row))
+        rows = [p.cells(self.recorded_units) for p in self.parameters]
         return Table(tuple(head), tuple(rows))
 
     @property
@@ -151,13 +162,14 @@ class Comparison(_Compared):
         return (scale, *(t.words for t in self.together))
 
 
-def _number(value: float | None, error: float | None, status: str | None) -> str:
+def _number(value: float | None, error: float | None, status: str | None, factor: float) -> str:
     if value is None:
         return "-"
     if status == "not_identified":
         return "not identified"
-    text = format_number(value, error)
-    return f"{text} ± {format_number(error, error)}" if error is not None else f"{text} {status}"
+    if error is None:
+        return f"{format_number(factor * value)} {status}"
+    return format_estimate(factor * value, factor * error)
 
 
 def compare(
@@ -246,10 +258,11 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
                 remedy="Compare files of one family.",
             )
     tables = [_entries(document) for _, document in files]
-    names = list(dict.fromkeys(n for table in tables for n in table))
-    parameters = tuple(_beside(n, tables) for n in names)
+    every = list(dict.fromkeys(n for table in tables for n in table))
+    parameters = tuple(_beside(n, tables) for n in every)
     together = tuple(_together(first, name, other) for name, other in files[1:])
-    return Comparison(first.family, tuple(n for n, _ in files), parameters, together)
+    names = tuple(n for n, _ in files)
+    return Comparison(first.family, names, parameters, together, recorded_units(first))
 
 
 def _require_two(given: Sequence[Any]) -> None:
@@ -286,11 +299,11 @@ def _entries(document: ParameterDocument) -> dict[str, _Entry]:
     return out
 
 
-def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> Beside:
+def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> ParameterComparison:
     entries = [table.get(name) for table in tables]
     first = entries[0]
     deviations = [None if k == 0 else _deviation(first, e) for k, e in enumerate(entries)]
-    return Beside(
+    return ParameterComparison(
         name,
         next(e.unit for e in entries if e is not None),
         tuple(None if e is None else e.value for e in entries),

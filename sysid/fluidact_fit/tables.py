@@ -69,6 +69,11 @@ def percent_text(value: float | None, form: str = ".2f") -> str:
     return f"{text} %"
 
 
+def probability_text(p: float) -> str:
+    """Return a p value for people; one below 1e-4 is as good as zero."""
+    return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
+
+
 @dataclass(frozen=True, repr=False)
 class Table:
     """Cells of text under a heading: ``print`` aligns them, a notebook shows them as HTML.
