@@ -114,7 +114,10 @@ program = Program(
     help="System identification for fluid-powered actuators: turn test-rig logs into "
     "controller-ready parameters.",
     epilog=_EPILOG,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={
+        "help_option_names": ["-h", "--help", "--help-all"],
+        "max_content_width": 100,
+    },
     params=[DEBUG],
 )
 click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(version)s")(program)

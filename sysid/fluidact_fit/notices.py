@@ -428,8 +428,8 @@ _FAMILIES = {
         "Nothing; a clipped reading says nothing about the position.",
     ),
     "rails-suspected": _warning(
-        "The extreme readings look clipped, but the data do not prove it; they were kept.",
-        "Give `--rails LOW:HIGH` to leave them out.",
+        "The extreme readings look clipped, but the data do not prove it; they were left out.",
+        "Look at the picture (`--plot`); give `--rails` as the message says it to keep them.",
     ),
     "saturation-not-reached": _information(
         "The speed keeps growing up to the largest command, so no saturation was found.",
