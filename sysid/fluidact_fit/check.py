@@ -19,7 +19,7 @@ from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation
 from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
-from .presentation import ParametersLike, document_of
+from .presentation import ParametersLike, document_of, weak_file
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
 from .tables import Table, format_number, format_quantity, format_spread, percent_text
@@ -223,6 +223,7 @@ def check_logs(
     logs = recall_logs(document, logs)
     variant = variant_of(document)
     runs, notices = prepare_logs(document, logs)
+    notices = [*weak_file(document), *notices]
     _require_output(runs, variant)
     simulations = simulate_runs(document, runs)
     drifts: tuple[Drift, ...] = ()

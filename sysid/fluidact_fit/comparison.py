@@ -371,8 +371,9 @@ class Recordings(_Compared):
         steps = [(log["time"] or {}).get("sample_time") for log in self.logs]
         rows.append(["every", *("-" if not s else f"{s:g} s" for s in steps)])
         tables = [{column_key(c): c for c in log["columns"]} for log in self.logs]
+        names = {key: _label(c) for table in reversed(tables) for key, c in table.items()}
         for key in dict.fromkeys(k for table in tables for k in table):
-            rows.append([key, *(_range(table.get(key)) for table in tables)])
+            rows.append([names[key], *(_range(table.get(key)) for table in tables)])
         head = ("", *_distinct([log["file"] for log in self.logs]))
         return Table(head, tuple(map(tuple, rows)))
 
@@ -380,7 +381,7 @@ class Recordings(_Compared):
     def conclusions(self) -> tuple[str, ...]:
         """Differences between the logs, for people."""
         if not self.findings:
-            return ("nothing differs in columns, units, ranges and sampling",)
+            return ("same columns, units, rows and sampling, and similar ranges",)
         files = [log["file"] for log in self.logs]
         findings = list(self.findings)
         for path, name in zip(files, _distinct(files)):
@@ -423,8 +424,13 @@ def compare_recordings(logs: Sequence[tuple[str, Log]]) -> Recordings:
 
 
 def column_key(column: Mapping[str, Any]) -> str:
-    """Name of a column, or its number where it has none."""
-    return str(column["name"] or column["header"] or f"#{column['number']}").casefold()
+    """Name of a column by which it is found in another log, whatever its case."""
+    return _label(column).casefold()
+
+
+def _label(column: Mapping[str, Any]) -> str:
+    """Name of a column as it stands in the log, or its number where it has none."""
+    return str(column["name"] or column["header"] or f"#{column['number']}")
 
 
 def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -434,10 +440,14 @@ def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     if other["sha256"] == first["sha256"]:
         return [f"{name} and {before} are the same to the byte"]
     columns, known = ({column_key(c): c for c in log["columns"]} for log in (other, first))
-    out += [f"{name} has no column '{k}', {before} has" for k in known if k not in columns]
-    out += [f"{name} has a column '{k}', {before} has none" for k in columns if k not in known]
+    out += [f"{name} has no column '{_label(c)}', {before} has"
+            for k, c in known.items() if k not in columns]  # fmt: skip
+    out += [f"{name} has a column '{_label(c)}', {before} has none"
+            for k, c in columns.items() if k not in known]  # fmt: skip
     for key in (k for k in known if k in columns):
-        out += _of_column(key, columns[key], known[key], name, before)
+        out += _of_column(columns[key], known[key], name, before)
+    if other["rows"] != first["rows"]:
+        out.append(f"{name} has {other['rows']} rows, {before} has {first['rows']}")
     now, then = (float((log["time"] or {}).get("sample_time") or 0.0) for log in (other, first))
     if now and then and abs(now - then) > _SAME_STEP * then:
         out.append(f"{name} was sampled every {now:g} s, {before} every {then:g} s")
@@ -445,8 +455,9 @@ def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 
 
 def _of_column(
-    key: str, column: Mapping[str, Any], known: Mapping[str, Any], name: str, before: str
+    column: Mapping[str, Any], known: Mapping[str, Any], name: str, before: str
 ) -> list[str]:
+    key = _label(known)
     if column["unit"] != known["unit"]:
         units = [c["unit"] or "no unit" for c in (column, known)]
         return [f"'{key}' is in {units[0]} in {name}, in {units[1]} in {before}"]
@@ -456,4 +467,6 @@ def _of_column(
     unit = f" {column['unit']}" if column["unit"] else ""
     if max(one, two) > _UNLIKE * min(one, two):
         return [f"'{key}' covers {one:.4g}{unit} in {name}, {two:.4g}{unit} in {before}"]
+    if max(c["low"] for c in (column, known)) > min(c["high"] for c in (column, known)):
+        return [f"'{key}' is {_range(column)} in {name}, {_range(known)} in {before}"]
     return []

@@ -323,6 +323,11 @@ _JUDGEMENT = {
         "parameter that was not asked for), and it moves a parameter by more than its interval.",
         "Do what the message says: estimate or fix what is missing, or look for its cause.",
     ),
+    "weak-file": _warning(
+        "The parameter file that is checked or exported does not have the verdict `pass`.",
+        "Look at the warnings in the file before you rely on its numbers; fit again without their "
+        "causes.",
+    ),
     "weak-fit": _warning(
         "The model explains only part of the output.",
         "Look at the picture (`--plot`) before you use the numbers.",

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import UsageError, in_python
-from .notices import CODES
+from .errors import Notice, UsageError, in_python
+from .notices import CODES, is_note
 from .parameter_table import agreement_parts, entries, parameter_table, recorded_units
 from .parameters import read_document
 from .parameters.document import ParameterDocument
@@ -192,6 +192,25 @@ def document_of(given: ParametersLike, lookup: Lookup) -> ParameterDocument:
     if isinstance(given, ParameterDocument):
         return given
     return given.document if isinstance(given, Presented) else read_document(given, lookup)
+
+
+def weak_file(document: ParameterDocument, name: str = "the parameter file") -> list[Notice]:
+    """Return a notice where the verdict of a file is not ``pass``.
+
+    Whatever is computed from such a file inherits its weakness.
+    """
+    verdict = document.fit.verdict
+    if verdict == "pass":
+        return []
+    codes = dict.fromkeys(w.code for w in document.warnings if not is_note(w.code))
+    why = f" ({', '.join(codes)})" if codes else ""
+    return [
+        Notice(
+            "weak-file",
+            f"{name} has the verdict {verdict.upper()}{why}. Look at its warnings before you "
+            "rely on its numbers.",
+        )
+    ]
 
 
 def _validation(document: ParameterDocument) -> list[str]:
