@@ -9,6 +9,7 @@ import sys
 from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.demo import load_dataset
+from fluidact_fit.errors import Notice, OutputError, UsageError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Curve, NoiseModel, Quantity, StaticView, make_solution
@@ -41,6 +43,7 @@ from fluidact_fit.report.numbers import (
 from fluidact_fit.report.page import result_page
 from fluidact_fit.report.panels import correlation
 from fluidact_fit.report.reading import picture
+from fluidact_fit.report.responses import responses_picture
 from fluidact_fit.report.runs import envelope
 from fluidact_fit.result import FitResult
 
@@ -362,7 +365,7 @@ def test_page_is_whole_self_contained_and_escaped(tmp_path: Path, runs: int) -> 
     (script,) = re.findall("<script>(.*?)</script>", page, re.DOTALL)
     trusted = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{trusted}'\"" in page
-    assert len(found.sources) == 2
+    assert len(found.sources) == 3  # fit, responses, validation
     assert all(s.startswith("data:image/svg+xml;base64,") for s in found.sources)
     assert found.text.index("Warnings") < found.text.index("The model against")
     for word in (
@@ -389,7 +392,8 @@ def test_page_of_a_file_alone(tmp_path: Path) -> None:
 
 def test_pictures_are_told_in_words_and_tables_are_reached_by_keyboard() -> None:
     page = result_page(make(300, 2, validation=True))
-    first, second = re.findall('<img alt="([^"]*)"', page)
+    first, responses, second = re.findall('<img alt="([^"]*)"', page)
+    assert "step response of the model is within its band" in responses
     for word in ("measured and simulated", "run0: fit ", "largest residual", "98.50 %", "PASS"):
         assert word in first, word
     assert "not fitted" in second
@@ -501,3 +505,24 @@ def test_samples_that_were_replaced_are_drawn_as_they_were_recorded(tmp_path: Pa
     assert at == pytest.approx(recorded[499])
     assert beyond == upper.get_ylim()[1] < recorded[299]
     assert "left out" in texts(figure)
+
+
+def test_page_shows_the_model_over_the_response_that_needs_no_model() -> None:
+    columns = {"time": "#1", "command": "#2", "outlet": "#3"}
+    result = ff.fit("valve", ROOT / "datasets/valve/trial1.csv", columns=columns)
+    found = responses_picture(result)
+    assert found is not None
+    impulse, step, *_ = found.panels
+    assert [name for _, name in step.lines] == ["recorded", "model"]
+    assert step.x_label[1] == impulse.x_label[1]
+    share = re.search(r"within its band at ([\d.]+) %", found.words)
+    assert share is not None
+    assert float(share[1]) > 80.0
+    assert "warnings" not in found.title
+    weak = replace(result, notices=[Notice("unmodelled-response", "a lag")])
+    titled = responses_picture(weak)
+    assert titled is not None
+    assert "unmodelled-response" in titled.title
+    assert escape(found.words) in result_page(result)
+    static = load_dataset("potentiometer")
+    assert responses_picture(ff.fit("potentiometer", static.read(), **static.options)) is None

@@ -44,6 +44,7 @@ from .numbers import (
     show,
 )
 from .reading import picture
+from .responses import responses_picture
 from .words import describe_fit, describe_validation
 
 _MOST_CORRELATED = 24
@@ -103,6 +104,8 @@ def result_page(result: Outcome) -> str:
     """The page of a fit, pictures included."""
     title = "The model against the data it was fitted to"
     shown = [picture(plot_result(result), title, describe_fit(result))]
+    if (responses := responses_picture(result)) is not None:
+        shown.append(responses)
     judged = plot_validation(result)
     if judged is not None:
         title = "The model against logs that were not fitted"
