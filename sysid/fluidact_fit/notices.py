@@ -235,18 +235,18 @@ _JUDGEMENT = {
         "Fix the value that the message names if it is known, or record what determines it.",
     ),
     "errors-change-slowly": _warning(
-        "The residuals hold errors that change slowly, which the intervals do not know of.",
+        "The residuals contain slow drift that the intervals do not include.",
         "Look for a sensor that warms up, a supply that wanders or a machine that changes; record "
         "for longer.",
     ),
     "few-independent-samples": _warning(
-        "The residuals are autocorrelated over so long that the samples are worth only a few "
+        "The error of the model changes so slowly that the samples are worth only a few "
         "independent ones for every unknown, which do not show how large the errors are.",
         "Record for longer, with more strokes over the whole range.",
     ),
     "few-samples-decide": _warning(
-        "The result hangs on a few samples, which lie far from all others or are matched exactly "
-        "because nothing else holds what they say.",
+        "A few samples dominate the result: they lie far from all others, or nothing else in the "
+        "logs checks them.",
         "Look at the log where the message says, and cut it with `--window` or correct it.",
     ),
     "halves-disagree": _warning(
@@ -306,8 +306,8 @@ _JUDGEMENT = {
         "Check columns, units and signs, and whether this family describes the machine.",
     ),
     "residuals-autocorrelated": _warning(
-        "The residuals are autocorrelated and far larger than the noise of the output: the "
-        "machine does something that the model does not describe.",
+        "The model misses the output by far more than the noise of the sensor, and not at random: "
+        "the machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
     "search-bounded": _warning(
@@ -426,7 +426,7 @@ _FAMILIES = {
     ),
     "one-direction": _warning(
         "The input of a static map moves one way only, so play, hysteresis and delays are hidden.",
-        "Record strokes to and fro, in the order in which they were made.",
+        "Record strokes in both directions, in the order in which they were made.",
     ),
     "rails": _information(
         "Readings at the end of the converter's range were left out.",

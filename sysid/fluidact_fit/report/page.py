@@ -284,9 +284,9 @@ def _whiteness(document: ParameterDocument) -> str:
     if w.p_value >= 0.01:
         return f'<p class="faint">Residuals are white ({text}).</p>'
     return (
-        f'<p class="faint">Residuals are autocorrelated ({text}): by noise that lasts, which '
-        "the intervals allow for, or by something that the model lacks. Where that would move a "
-        "parameter beyond its interval, a warning names it.</p>"
+        f'<p class="faint">Residuals are not random from sample to sample ({text}): the noise '
+        "lasts longer than a sample, which the intervals allow for, or the model lacks something. "
+        "Where that would move a parameter beyond its interval, a warning names it.</p>"
     )
 
 
