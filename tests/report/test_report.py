@@ -365,7 +365,8 @@ def test_page_is_whole_self_contained_and_escaped(tmp_path: Path, runs: int) -> 
     (script,) = re.findall("<script>(.*?)</script>", page, re.DOTALL)
     trusted = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{trusted}'\"" in page
-    assert len(found.sources) == 3  # fit, responses, validation
+    # fit, validation, and responses where so short runs still tell one
+    assert len(found.sources) == (3 if runs == 1 else 2)
     assert all(s.startswith("data:image/svg+xml;base64,") for s in found.sources)
     assert found.text.index("Warnings") < found.text.index("The model against")
     for word in (
