@@ -70,7 +70,7 @@ def widest(text: str) -> str:
         ESCAPE.sub("", line).split("\r")[-1] for line in text.replace("\r\n", "\n").split("\n")
     ]
     kept = [x for x in lines if not x.lstrip().startswith("fluidact-fit ") and " " in x.strip()]
-    return max(kept, key=len)
+    return max(kept, key=len, default="")
 
 
 @pytest.mark.parametrize("columns", [60, 80, 120])
