@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,7 @@ def test_logs_differ_in_columns_units_ranges_and_sampling(tmp_path: Path) -> Non
     t = np.arange(100) * 0.01
     head = {"a": "t [s],u [V],p [bar]", "b": "t [s],u [mV],q [bar]", "c": "t [s],u [V],p [bar]"}
     for name, header in head.items():
-        time, size = (2.0 * t, 10.0) if name == "c" else (t, 1.0)
+        time, size = (2.0 * t[:-1], 10.0) if name == "c" else (t, 1.0)
         rows = [f"{a:.2f},{size * np.sin(9.0 * a):.4f},{a:.3f}" for a in time]
         (tmp_path / f"{name}.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
     logs = [(n, ff.read_log(tmp_path / f"{n}.csv")) for n in (*head, "a")]
@@ -102,9 +103,19 @@ def test_logs_differ_in_columns_units_ranges_and_sampling(tmp_path: Path) -> Non
     for words in ("b has no column 'p'", "b has a column 'q'", "'u' is in mV in b, in V in a",
                   "'u' covers 19.99 V in c, 1.999 V in a",
                   "c was sampled every 0.02 s, a every 0.01 s",
+                  "c has 99 rows, a has 100",
                   "a and a are the same to the byte"):  # fmt: skip
         assert any(words in f for f in found), (words, found)
-    assert len(found) == 6
+    assert len(found) == 7
+
+
+def test_a_range_apart_from_the_other_is_named_by_the_header_of_the_log() -> None:
+    t = np.arange(100) * 0.01
+    tables = [{"t [s]": t, "P1 [bar]": np.sin(9.0 * t) + level} for level in (0.0, 5.0)]
+    found = compare_recordings([(f"log{k}", ff.read_log(x)) for k, x in enumerate(tables)])
+    (apart,) = found.findings
+    assert re.fullmatch(r"'P1' is 4\S* … [56]\S* bar in log1, -\S+ … \S+ bar in log0", apart)
+    assert "P1" in [row[0] for row in found.table().rows]
 
 
 def test_results_models_and_files_are_compared_alike(tmp_path: Path) -> None:

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from fluidact_fit.errors import UsageError, in_python
+from fluidact_fit.errors import UsageError, closest, in_python
+from fluidact_fit.families import family_names
 
 
 @pytest.mark.parametrize(
     ("command_line", "python"),
     [
         ("Give --fix mass=54.", "Give fixed={'mass': 54}."),
+        (
+            "--column x=#1 --column y=#2 --column z=#3.",
+            "columns={'x': '#1', 'y': '#2', 'z': '#3'}.",
+        ),
+        ("--unit force=UNIT.", "units={'force': UNIT}."),
+        ("--unit x=mm and --unit y=N.", "units={'x': 'mm', 'y': 'N'}."),
+        ("--fix a=1 or --fix b=2", "fixed={'a': 1} or fixed={'b': 2}"),
         ("--hold force=zoh, as", "hold={'force': 'zoh'}, as"),
         ("--scale force=-1 turns it.", "scales={'force': -1} turns it."),
         ("--column reading=... if", "columns={'reading': ...} if"),
@@ -28,6 +36,22 @@ from fluidact_fit.errors import UsageError, in_python
 )
 def test_options_become_keywords(command_line: str, python: str) -> None:
     assert in_python(command_line) == python
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("vavle", "valve"),
+        ("friction-cylinder", "cylinder-friction"),
+        ("Cylinder_Spring", "spring-cylinder"),
+        ("potentio", "potentiometer"),
+        ("hydraulic_motor", "hydraulic-motor"),
+        ("li", "line"),
+        ("xyz", ""),
+    ],
+)
+def test_a_misspelt_cut_or_swapped_family_is_recognised(word: str, meant: str) -> None:
+    assert closest(word, family_names()) == meant
 
 
 def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> None:

@@ -15,6 +15,7 @@ from fluidact_fit.structures import (
     StructureFit,
     _recommended,
     _rival,
+    _structures,
     bayes_criteria,
     compare_structures,
 )
@@ -40,6 +41,17 @@ def test_structures_are_made_of_options_and_parameters_of_the_family(name: str) 
     assert len({s.name for s in family.structures}) == len(family.structures)
     assert len(family.structures) != 1
     assert len({tuple(s.options) for s in family.structures}) <= 1  # each sets all that differ
+
+
+def test_structures_that_what_is_held_makes_the_same_are_fitted_once() -> None:
+    held = {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0}
+    family = get_family("hydrostatic")
+    assert len(_structures(family, {}, {})) == 5
+    names = [s.name for s in _structures(family, {}, held)]
+    assert names == [
+        "no dead zone", "dead zone, dead time", "dead zone, spring",
+        "dead zone, dead time, spring",
+    ]  # fmt: skip
 
 
 def valve_log(seed: int, n: int = 400) -> dict[str, np.ndarray]:

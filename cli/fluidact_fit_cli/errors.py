@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from fluidact_fit.errors import FluidactError, bounded
+from fluidact_fit.errors import FluidactError, bounded, closest
 
 from . import INTERRUPTED
 from .messages import tell_message
@@ -128,8 +128,18 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
     ), 1
 
 
+def _explain_option(error: click.NoSuchOption) -> str:
+    """Name the option that does not exist, and the one that was probably meant."""
+    params = [] if error.ctx is None else error.ctx.command.get_params(error.ctx)
+    close = closest(error.option_name, [o for p in params for o in (*p.opts, *p.secondary_opts)])
+    hint = f" Did you mean '{close}'?" if close else ""
+    return f"there is no option '{error.option_name}'.{hint}"
+
+
 def _explain_usage(error: click.UsageError) -> str:
     text = error.format_message().replace("\n\t", " ")
+    if isinstance(error, click.NoSuchOption):
+        text = _explain_option(error)
     if isinstance(error, click.MissingParameter) and error.param and error.param.name == "logs":
         text += " Give at least one CSV file."
     if error.ctx is not None:

@@ -11,6 +11,7 @@ import click
 from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError, closest
 
 from .errors import Invocation
+from .help_width import FittingHelp
 from .parse import (
     Parsed,
     Step,
@@ -67,7 +68,7 @@ class Option(click.Option):
         return found or super().shell_complete(ctx, incomplete)
 
 
-class Command(click.Command):
+class Command(FittingHelp):
     """A command whose help lists the options under headings.
 
     One that reads logs shows the common ones with --help, and every one with --help-all.

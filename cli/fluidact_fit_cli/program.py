@@ -14,6 +14,7 @@ from fluidact_fit.errors import UsageError, closest
 from fluidact_fit.families import family_names, family_title
 
 from .errors import Invocation, run_guarded
+from .help_width import FittingHelp
 from .options import DEBUG
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ used; 4 the data cannot determine what was asked (or --strict); 5 check: the mod
 longer fits, check-consumer: the controller reads something else."""
 
 
-class Program(click.Group):
+class Program(FittingHelp, click.Group):
     """The command group: one subcommand per model family, and some beside the fits."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -114,7 +115,10 @@ program = Program(
     help="System identification for fluid-powered actuators: turn test-rig logs into "
     "controller-ready parameters.",
     epilog=_EPILOG,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={
+        "help_option_names": ["-h", "--help", "--help-all"],
+        "max_content_width": 100,
+    },
     params=[DEBUG],
 )
 click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(version)s")(program)

@@ -14,6 +14,7 @@ from typing import Any, TextIO
 import click
 
 from fluidact_fit.errors import OutputError, visible
+from fluidact_fit.tables import Table
 from fluidact_fit.tables import format_interval as format_interval
 from fluidact_fit.tables import format_number as format_number
 from fluidact_fit.tables import format_spread as format_spread
@@ -119,14 +120,19 @@ def echo_painted(*parts: str) -> None:
     _print("".join(paint(visible(part)) for part in parts) + "\n")
 
 
+def show_table(table: Table) -> None:
+    """Print a table of the library as :func:`echo_table` does."""
+    echo_table([table.head, *table.rows], table.right, table.drop)
+
+
 def echo_table(
     rows: Sequence[Sequence[str]], right: Sequence[int] = (), drop: Sequence[int] = ()
-) -> list[str]:
+) -> None:
     """Print a table with a heading, columns aligned; columns without an entry are left out.
 
     ``right`` lists right-aligned columns, ``drop`` those that a narrow terminal does without, the
-    first one first. Where the others do not fit, the first column has lines of its own, or every
-    row becomes a block of lines. Return the headings of the columns that were dropped.
+    first one first; a line below says which were dropped. Where the others do not fit, the first
+    column has lines of its own, or every row becomes a block of lines.
     """
     shown = [[visible(cell).replace("\n", "\\n") for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*shown)]
@@ -145,8 +151,9 @@ def echo_table(
     else:
         for row in shown[1:]:
             _echo_block(shown[0], row, limit)
-        return []
-    return [shown[0][i] for i in every if i not in kept]
+        return
+    if dropped := [shown[0][i] for i in every if i not in kept]:
+        echo_text(f"A wider terminal also shows: {', '.join(dropped)}.")
 
 
 def _fitting(

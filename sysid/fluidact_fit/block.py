@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import isfinite
+from numbers import Real
 from typing import Any, NamedTuple, Self
 from warnings import warn
 
@@ -20,6 +21,8 @@ from .presentation import Presented
 from .routines.routine import Argument, Routine
 from .specification import Role, Value, Variant, scalars
 
+# Of a document and logs: what they give when simulated. Blocks themselves read no logs.
+LogSimulator = Callable[..., Any]
 _NEAR = 0.05  # part of the width of a range that the noise of another log may leave it by
 
 
@@ -47,6 +50,14 @@ class ValidRange(NamedTuple):
             f"{role} = {far:.6g}{unit} is outside of {self.low:.6g} to {self.high:.6g}{unit}, "
             "the range that the data of the model covered: it extrapolates there"
         )
+
+
+def are_samples(given: Any) -> bool:
+    """Return whether something is samples of one signal, and no log."""
+    if isinstance(given, list | tuple):
+        return bool(given) and all(isinstance(value, Real) for value in given)
+    named = getattr(getattr(given, "dtype", None), "names", None)
+    return getattr(given, "ndim", None) == 1 and not named
 
 
 def valid_ranges(document: ParameterDocument) -> Mapping[str, ValidRange]:
@@ -139,6 +150,7 @@ class Block(Presented, ABC):
         self.validity = valid_ranges(document)
         self.offset = float(document.model.get("output_offset", 0.0))
         self._told: set[str] = set()
+        self.log_simulator: LogSimulator | None = None  # set by what loads the block
 
     def __repr__(self) -> str:
         ports = " -> ".join(str(port) for port in (self.input, self.output) if port)
@@ -188,6 +200,44 @@ class Block(Presented, ABC):
                 expected="Not identified: " + (", ".join(self.not_identified) or "none") + ".",
             )
         self.parameters.refused = self.parameters.refused - given
+
+    def simulate(self, given: Any, time: npt.ArrayLike | None = None, **how: Any) -> Any:
+        """Simulate logs, or samples of the input, as :meth:`.result.FitResult.simulate` does.
+
+        Parameters
+        ----------
+        given
+            Logs as :func:`.fit` takes them, columns bound as those of the fit were unless ``how``
+            says otherwise; or samples of the input, shape ``(n,)`` [unit of the input].
+        time
+            Instants of the samples, shape ``(n,)`` [s].
+        **how
+            How logs are read (:class:`.logs.Reading`), or what ``simulate_samples`` takes.
+
+        Returns
+        -------
+        list of Simulation, or (n,)
+            One entry per run of the logs; of samples, the output.
+
+        Raises
+        ------
+        LogError, UsageError
+            When a log does not have what the model needs, or the model takes no samples.
+        NotIdentifiedError
+            When a parameter was not identified and not accepted.
+        """
+        if time is None and not are_samples(given) and self.log_simulator is not None:
+            for name in self.parameters:
+                self.parameters[name]  # refuses one that was not identified
+            return self.log_simulator(self.document, given, **how)
+        simulate = getattr(self, "simulate_samples", None)
+        if simulate is None:
+            raise UsageError(
+                f"a model of {self.family} does not simulate samples of one input.",
+                expected="Expected logs: paths, DataFrames or mappings of header to array.",
+                remedy="Give logs, or use the methods of the model itself.",
+            )
+        return np.asarray(simulate(given, time, **how))
 
     def numbers(self) -> dict[str, float]:
         """Every single-valued parameter [SI].

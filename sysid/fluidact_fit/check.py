@@ -17,11 +17,13 @@ from .family import Quantity, Variant
 from .fitting import refit
 from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation
+from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
-from .presentation import ParametersLike, document_of
+from .presentation import ParametersLike, document_of, weak_file
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
-from .tables import Table, format_number, format_spread, percent_text
+from .tables import Table, format_number, format_quantity, format_spread, percent_text
+from .units import display_unit
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
@@ -66,7 +68,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class Check:
-    """The outcome of a check."""
+    """The outcome of a check [SI]; its tables are in the ``recorded_units`` where these suit."""
 
     family: str
     fits: bool
@@ -74,6 +76,7 @@ class Check:
     logs: tuple[LogCheck, ...]
     drifts: tuple[Drift, ...]
     notices: tuple[Notice, ...]
+    recorded_units: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain mappings, tuples, text and numbers."""
@@ -82,16 +85,19 @@ class Check:
     def table(self) -> Table:
         """Return the parameters in the file and in the new logs, as a table that shows itself."""
         head = ("parameter", "file", "now", "std error", "unit", "std errors", "moved by", "")
-        return Table(head, tuple(map(_drift_cells, self.drifts)), right=(1, 2, 5, 6))
+        rows = tuple(_drift_cells(d, self.recorded_units) for d in self.drifts)
+        return Table(head, rows, right=(1, 2, 5, 6), drop=(3,))
 
     def log_table(self) -> Table:
         """Return how well the file describes every run, as a table that shows itself."""
         rows = tuple(
-            (log.file, percent_text(log.fit_percent), f"{log.rmse:.4g}", f"{log.limit:.4g}",
-             log.unit, "" if log.within else "TOO LARGE")
+            (log.file, percent_text(log.fit_percent),
+             format_quantity(log.rmse, log.unit, self.recorded_units),
+             format_quantity(log.limit, log.unit, self.recorded_units),
+             "" if log.within else "TOO LARGE")
             for log in self.logs
         )  # fmt: skip
-        return Table(("log", "fit", "rmse", "limit", "unit", ""), rows, right=(1, 2, 3))
+        return Table(("log", "fit", "rmse", "limit", ""), rows, right=(1, 2, 3))
 
     def summary(self) -> str:
         """Return verdict, agreement with the logs and drift of the parameters as text."""
@@ -135,13 +141,15 @@ class Check:
             )
 
 
-def _drift_cells(d: Drift) -> tuple[str, ...]:
+def _drift_cells(d: Drift, units: Sequence[str]) -> tuple[str, ...]:
+    shown = display_unit(d.unit, max(abs(d.before), abs(d.now)), units)
+    error = d.combined_error * shown.factor
     return (
         d.name,
-        format_number(d.before, d.combined_error),
-        format_number(d.now, d.combined_error),
-        f"± {format_spread(d.combined_error)}",
-        d.unit,
+        format_number(d.before * shown.factor, error),
+        format_number(d.now * shown.factor, error),
+        f"± {format_spread(error)}",
+        shown.unit,
         f"{d.sigmas:.1f}",
         "" if d.percent is None else percent_text(d.percent, "+.2f"),
         "MOVED" if d.moved else "",
@@ -215,6 +223,7 @@ def check_logs(
     logs = recall_logs(document, logs)
     variant = variant_of(document)
     runs, notices = prepare_logs(document, logs)
+    notices = [*weak_file(document), *notices]
     _require_output(runs, variant)
     simulations = simulate_runs(document, runs)
     drifts: tuple[Drift, ...] = ()
@@ -232,9 +241,10 @@ def check_logs(
     checks = tuple(_check_log(document, s, variant) for s in simulations)
     if not drifts and not any(c.samples for c in checks):
         _refuse_empty(checks)
-    reasons = _reasons(checks, drifts)
+    units = recorded_units(document)
+    reasons = _reasons(checks, drifts, units)
     return Check(
-        document.family, not reasons, reasons, checks, drifts, tuple(dict.fromkeys(notices))
+        document.family, not reasons, reasons, checks, drifts, tuple(dict.fromkeys(notices)), units
     )
 
 
@@ -395,19 +405,22 @@ def _drift(
     )
 
 
-def _reasons(logs: Sequence[LogCheck], drifts: Sequence[Drift]) -> tuple[str, ...]:
+def _reasons(
+    logs: Sequence[LogCheck], drifts: Sequence[Drift], units: Sequence[str]
+) -> tuple[str, ...]:
     found = [
-        f"{log.file}: rmse {log.rmse:.4g} {log.unit} is above the limit of {log.limit:.4g} "
-        f"{log.unit}."
+        f"{log.file}: rmse {format_quantity(log.rmse, log.unit, units)} is above the limit of "
+        f"{format_quantity(log.limit, log.unit, units)}."
         for log in logs
         if not log.within
     ]
     for drift in drifts:
         if drift.moved:
-            by = "" if drift.percent is None else f" ({drift.percent:+.1f} %)"
+            _, before, now, _, unit, sigmas, percent, _ = _drift_cells(drift, units)
+            by = f" ({percent})" if percent else ""
             given = f", with {', '.join(drift.held)} as in the file" if drift.held else ""
             found.append(
-                f"{drift.name} moved from {drift.before:.6g} to {drift.now:.6g} {drift.unit}{by}, "
-                f"{drift.sigmas:.1f} combined standard errors{given}."
+                f"{drift.name} moved from {before} to {now} {unit}{by}, {sigmas} combined "
+                f"standard errors{given}."
             )
     return tuple(found)

@@ -28,9 +28,11 @@ import numpy as np
 from .errors import UsageError
 from .families import get_family
 from .logs import Log, LogLike, Reading, describe, open_logs
+from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, Presented, document_of
-from .tables import Table, format_number
+from .tables import Table, format_estimate, format_number, probability_text
+from .units import display_unit
 
 _PARAMETERS = (".yaml", ".yml")
 # Keywords that the command line has by another name.
@@ -43,7 +45,7 @@ _SAME_STEP = 0.01  # part by which two sample times may differ
 
 
 @dataclass(frozen=True)
-class Beside:
+class ParameterComparison:
     """One parameter, or entry of a list, in every file; ``None`` where a file has it not.
 
     ``deviations`` are its differences from the first file in standard errors.
@@ -55,6 +57,17 @@ class Beside:
     std_errors: tuple[float | None, ...]
     statuses: tuple[str | None, ...]
     deviations: tuple[float | None, ...]
+
+    def cells(self, recorded: Sequence[str]) -> tuple[str, ...]:
+        """Return the row of a table: name, unit, and of every file value and deviation."""
+        size = max((abs(v) for v in self.values if v is not None), default=0.0)
+        shown = display_unit(self.unit, size, recorded)
+        row = [self.name, shown.unit]
+        every = zip(self.values, self.std_errors, self.statuses, self.deviations)
+        for k, (value, error, status, z) in enumerate(every):
+            row.append(_number(value, error, status, shown.factor))
+            row += [("" if z is None else f"{z:+.1f}")] if k else []
+        return tuple(row)
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,8 @@ class Together:
         if not self.degrees:
             return f"{self.file}: nothing that both files estimated"
         verdict = "differs by more than chance" if self.differs else "does not differ beyond chance"
-        text = f"{self.file}: {verdict} ({self.degrees} numbers together, p = {self.p_value:.2g})"
+        text = f"{self.file}: {verdict} ({self.degrees} numbers together, "
+        text += f"{probability_text(self.p_value)})"
         if self.shared_logs:
             text += (
                 f"; both were fitted to {', '.join(self.shared_logs)}: their errors are the same "
@@ -118,12 +132,16 @@ class _Compared(ABC):
 
 @dataclass(frozen=True)
 class Comparison(_Compared):
-    """Parameter files of one family beside each other."""
+    """Parameter files of one family beside each other [SI].
+
+    Tables are in the ``recorded_units`` of the first file where these suit.
+    """
 
     family: str
     files: tuple[str, ...]
-    parameters: tuple[Beside, ...]
+    parameters: tuple[ParameterComparison, ...]
     together: tuple[Together, ...]
+    recorded_units: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text."""
@@ -134,14 +152,7 @@ class Comparison(_Compared):
         head = ["parameter", "unit"]
         for k, name in enumerate(_distinct(self.files)):
             head += [name, *(["std errors"] if k else [])]
-        rows = []
-        for p in self.parameters:
-            row = [p.name, p.unit]
-            every = zip(p.values, p.std_errors, p.statuses, p.deviations)
-            for k, (value, error, status, z) in enumerate(every):
-                row.append(_number(value, error, status))
-                row += [("" if z is None else f"{z:+.1f}")] if k else []
-            rows.append(tuple(row))
+        rows = [p.cells(self.recorded_units) for p in self.parameters]
         return Table(tuple(head), tuple(rows))
 
     @property
@@ -151,13 +162,14 @@ class Comparison(_Compared):
         return (scale, *(t.words for t in self.together))
 
 
-def _number(value: float | None, error: float | None, status: str | None) -> str:
+def _number(value: float | None, error: float | None, status: str | None, factor: float) -> str:
     if value is None:
         return "-"
     if status == "not_identified":
         return "not identified"
-    text = format_number(value, error)
-    return f"{text} ± {format_number(error, error)}" if error is not None else f"{text} {status}"
+    if error is None:
+        return f"{format_number(factor * value)} {status}"
+    return format_estimate(factor * value, factor * error)
 
 
 def compare(
@@ -246,10 +258,11 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
                 remedy="Compare files of one family.",
             )
     tables = [_entries(document) for _, document in files]
-    names = list(dict.fromkeys(n for table in tables for n in table))
-    parameters = tuple(_beside(n, tables) for n in names)
+    every = list(dict.fromkeys(n for table in tables for n in table))
+    parameters = tuple(_beside(n, tables) for n in every)
     together = tuple(_together(first, name, other) for name, other in files[1:])
-    return Comparison(first.family, tuple(n for n, _ in files), parameters, together)
+    names = tuple(n for n, _ in files)
+    return Comparison(first.family, names, parameters, together, recorded_units(first))
 
 
 def _require_two(given: Sequence[Any]) -> None:
@@ -286,11 +299,11 @@ def _entries(document: ParameterDocument) -> dict[str, _Entry]:
     return out
 
 
-def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> Beside:
+def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> ParameterComparison:
     entries = [table.get(name) for table in tables]
     first = entries[0]
     deviations = [None if k == 0 else _deviation(first, e) for k, e in enumerate(entries)]
-    return Beside(
+    return ParameterComparison(
         name,
         next(e.unit for e in entries if e is not None),
         tuple(None if e is None else e.value for e in entries),
@@ -358,8 +371,9 @@ class Recordings(_Compared):
         steps = [(log["time"] or {}).get("sample_time") for log in self.logs]
         rows.append(["every", *("-" if not s else f"{s:g} s" for s in steps)])
         tables = [{column_key(c): c for c in log["columns"]} for log in self.logs]
+        names = {key: _label(c) for table in reversed(tables) for key, c in table.items()}
         for key in dict.fromkeys(k for table in tables for k in table):
-            rows.append([key, *(_range(table.get(key)) for table in tables)])
+            rows.append([names[key], *(_range(table.get(key)) for table in tables)])
         head = ("", *_distinct([log["file"] for log in self.logs]))
         return Table(head, tuple(map(tuple, rows)))
 
@@ -367,7 +381,7 @@ class Recordings(_Compared):
     def conclusions(self) -> tuple[str, ...]:
         """Differences between the logs, for people."""
         if not self.findings:
-            return ("nothing differs in columns, units, ranges and sampling",)
+            return ("same columns, units, rows and sampling, and similar ranges",)
         files = [log["file"] for log in self.logs]
         findings = list(self.findings)
         for path, name in zip(files, _distinct(files)):
@@ -410,8 +424,13 @@ def compare_recordings(logs: Sequence[tuple[str, Log]]) -> Recordings:
 
 
 def column_key(column: Mapping[str, Any]) -> str:
-    """Name of a column, or its number where it has none."""
-    return str(column["name"] or column["header"] or f"#{column['number']}").casefold()
+    """Name of a column by which it is found in another log, whatever its case."""
+    return _label(column).casefold()
+
+
+def _label(column: Mapping[str, Any]) -> str:
+    """Name of a column as it stands in the log, or its number where it has none."""
+    return str(column["name"] or column["header"] or f"#{column['number']}")
 
 
 def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -421,10 +440,14 @@ def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     if other["sha256"] == first["sha256"]:
         return [f"{name} and {before} are the same to the byte"]
     columns, known = ({column_key(c): c for c in log["columns"]} for log in (other, first))
-    out += [f"{name} has no column '{k}', {before} has" for k in known if k not in columns]
-    out += [f"{name} has a column '{k}', {before} has none" for k in columns if k not in known]
+    out += [f"{name} has no column '{_label(c)}', {before} has"
+            for k, c in known.items() if k not in columns]  # fmt: skip
+    out += [f"{name} has a column '{_label(c)}', {before} has none"
+            for k, c in columns.items() if k not in known]  # fmt: skip
     for key in (k for k in known if k in columns):
-        out += _of_column(key, columns[key], known[key], name, before)
+        out += _of_column(columns[key], known[key], name, before)
+    if other["rows"] != first["rows"]:
+        out.append(f"{name} has {other['rows']} rows, {before} has {first['rows']}")
     now, then = (float((log["time"] or {}).get("sample_time") or 0.0) for log in (other, first))
     if now and then and abs(now - then) > _SAME_STEP * then:
         out.append(f"{name} was sampled every {now:g} s, {before} every {then:g} s")
@@ -432,8 +455,9 @@ def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 
 
 def _of_column(
-    key: str, column: Mapping[str, Any], known: Mapping[str, Any], name: str, before: str
+    column: Mapping[str, Any], known: Mapping[str, Any], name: str, before: str
 ) -> list[str]:
+    key = _label(known)
     if column["unit"] != known["unit"]:
         units = [c["unit"] or "no unit" for c in (column, known)]
         return [f"'{key}' is in {units[0]} in {name}, in {units[1]} in {before}"]
@@ -443,4 +467,6 @@ def _of_column(
     unit = f" {column['unit']}" if column["unit"] else ""
     if max(one, two) > _UNLIKE * min(one, two):
         return [f"'{key}' covers {one:.4g}{unit} in {name}, {two:.4g}{unit} in {before}"]
+    if max(c["low"] for c in (column, known)) > min(c["high"] for c in (column, known)):
+        return [f"'{key}' is {_range(column)} in {name}, {_range(known)} in {before}"]
     return []

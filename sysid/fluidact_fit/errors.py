@@ -22,8 +22,9 @@ _MAPPINGS = {
     "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input", "set",
     "from-name", "unwrap",
 }  # fmt: skip
-# Given once for every part on the command line; in Python one keyword holds them all.
+# Given once for every part or role on the command line; in Python one keyword holds them all.
 _REPEATED = re.compile(r"exclude=('[^']*')(?: exclude='[^']*')+")
+_NEIGHBOURS = re.compile(r"\b([a-z_]+)=\{([^{}\n]*)\},? (?:and )?\1=\{([^{}\n]*)\}")
 _PART = re.compile(r"exclude=('[^']*')")
 _COLON = re.compile(r"([^:@]+):([^:@]+)(?:@([^:@]+))?")
 _PLAIN = re.compile(r"[-+0-9.e]+|nan|inf|(?=.*[A-Z])[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None")
@@ -84,6 +85,7 @@ def shortened(text: str, most: int = 300) -> str:
 
 _WIDEST, _MOST_LINES = 1000, 60  # of a message
 _WORD = 60  # characters of a name that another is compared with
+_SHORT_WORD = 2  # characters, too few to be the beginning of a certain word
 
 
 def bounded(text: str) -> str:
@@ -95,12 +97,23 @@ def bounded(text: str) -> str:
 
 
 def closest(word: str, known: Iterable[str]) -> str:
-    """Return the known word that is most like another one, empty without one."""
+    """Return the known word that is most like another one, empty without one.
+
+    The same parts in another order come first (``friction-cylinder``), then a word that was cut
+    short (``--colum``), then a misspelt one.
+    """
     from difflib import get_close_matches  # slow to import, and of the square of the length
 
     if len(word) > _WORD:
         return ""
-    return next(iter(get_close_matches(word, [k for k in known if len(k) <= _WORD], 1)), "")
+    short = [k for k in known if len(k) <= _WORD]
+    swapped = [k for k in short if _parts(k) == _parts(word)]
+    longer = [k for k in short if len(word) > _SHORT_WORD and k.startswith(word)]
+    return next(iter([*swapped, *longer, *get_close_matches(word, short, 1)]), "")
+
+
+def _parts(word: str) -> list[str]:
+    return sorted(re.split("[-_ ]", word.lower()))
 
 
 def in_python(text: str) -> str:
@@ -123,7 +136,10 @@ def in_python(text: str) -> str:
             return f"{word}={_value(word, value)}" if value else word
         return _entry(name in _MAPPINGS, word, found["key"], found["item"])
 
-    return _REPEATED.sub(_listed, _OPTION.sub(keyword, text))
+    text = _REPEATED.sub(_listed, _OPTION.sub(keyword, text))
+    while text != (merged := _NEIGHBOURS.sub(r"\1={\2, \3}", text)):
+        text = merged
+    return text
 
 
 def _entry(mapping: bool, word: str, key: str, value: str) -> str:
@@ -151,6 +167,8 @@ def _value(word: str, value: str) -> str:
         return f"({found[1]}, {found[2]})"
     if found and word in ("steps", "inputs"):
         return f"StepInput({', '.join(filter(None, found.groups()))})"
+    if word == "units" and value not in ("UNIT", "...") and value[0] not in "\"'":
+        return repr(value)  # N, V and A are units, not placeholders
     return _quoted(value)
 
 

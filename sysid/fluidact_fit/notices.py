@@ -235,18 +235,18 @@ _JUDGEMENT = {
         "Fix the value that the message names if it is known, or record what determines it.",
     ),
     "errors-change-slowly": _warning(
-        "The residuals hold errors that change slowly, which the intervals do not know of.",
+        "The residuals contain slow drift that the intervals do not include.",
         "Look for a sensor that warms up, a supply that wanders or a machine that changes; record "
         "for longer.",
     ),
     "few-independent-samples": _warning(
-        "The residuals are autocorrelated over so long that the samples are worth only a few "
+        "The error of the model changes so slowly that the samples are worth only a few "
         "independent ones for every unknown, which do not show how large the errors are.",
         "Record for longer, with more strokes over the whole range.",
     ),
     "few-samples-decide": _warning(
-        "The result hangs on a few samples, which lie far from all others or are matched exactly "
-        "because nothing else holds what they say.",
+        "A few samples dominate the result: they lie far from all others, or nothing else in the "
+        "logs checks them.",
         "Look at the log where the message says, and cut it with `--window` or correct it.",
     ),
     "halves-disagree": _warning(
@@ -306,8 +306,8 @@ _JUDGEMENT = {
         "Check columns, units and signs, and whether this family describes the machine.",
     ),
     "residuals-autocorrelated": _warning(
-        "The residuals are autocorrelated and far larger than the noise of the output: the "
-        "machine does something that the model does not describe.",
+        "The model misses the output by far more than the noise of the sensor, and not at random: "
+        "the machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
     "search-bounded": _warning(
@@ -322,6 +322,11 @@ _JUDGEMENT = {
         "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
         "parameter that was not asked for), and it moves a parameter by more than its interval.",
         "Do what the message says: estimate or fix what is missing, or look for its cause.",
+    ),
+    "weak-file": _warning(
+        "The parameter file that is checked or exported does not have the verdict `pass`.",
+        "Look at the warnings in the file before you rely on its numbers; fit again without their "
+        "causes.",
     ),
     "weak-fit": _warning(
         "The model explains only part of the output.",
@@ -421,15 +426,15 @@ _FAMILIES = {
     ),
     "one-direction": _warning(
         "The input of a static map moves one way only, so play, hysteresis and delays are hidden.",
-        "Record strokes to and fro, in the order in which they were made.",
+        "Record strokes in both directions, in the order in which they were made.",
     ),
     "rails": _information(
         "Readings at the end of the converter's range were left out.",
         "Nothing; a clipped reading says nothing about the position.",
     ),
     "rails-suspected": _warning(
-        "The extreme readings look clipped, but the data do not prove it; they were kept.",
-        "Give `--rails LOW:HIGH` to leave them out.",
+        "The extreme readings look clipped, but the data do not prove it; they were left out.",
+        "Look at the picture (`--plot`); give `--rails` as the message says it to keep them.",
     ),
     "saturation-not-reached": _information(
         "The speed keeps growing up to the largest command, so no saturation was found.",

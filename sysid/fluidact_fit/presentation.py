@@ -3,46 +3,26 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import UsageError, in_python
-from .notices import CODES
+from .errors import Notice, UsageError, in_python
+from .notices import CODES, is_note
+from .parameter_table import agreement_parts, entries, parameter_table, recorded_units
 from .parameters import read_document
-from .parameters.document import Derived, Fit, LogFit, ParameterDocument
+from .parameters.document import ParameterDocument
 from .parameters.draws import draw_values, place_of
 from .parameters.validation import Lookup
 from .specification import Variant
-from .tables import Table, format_interval, format_number, format_spread, percent_text
+from .tables import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-_MOST_ENTRIES = 24  # of a list that has a row for each
 _COLOURS = {"pass": "#2e7d32", "warn": "#b26a00", "fail": "#c62828"}
-
-
-class _Row(NamedTuple):
-    """One number of a document; ``value`` is ``None`` for a list that is only counted."""
-
-    name: str
-    value: float | None
-    std_error: float | None
-    interval: tuple[float, float] | None
-    unit: str
-    status: str
-    size: tuple[int, ...] = ()
-
-    @property
-    def percent(self) -> float | None:
-        """Standard error as a part of the value [%]."""
-        if not self.value or not self.std_error:
-            return None
-        return 100.0 * self.std_error / abs(self.value)
 
 
 class Presented:
@@ -58,14 +38,14 @@ class Presented:
     def table(self, *, derived: bool = False) -> Table:
         """Return the parameters as a table that prints itself and shows itself in a notebook.
 
+        Values stand in the units of the log, or in those that engineers use, with SI beside them.
+
         Parameters
         ----------
         derived
             Whether numbers computed from the parameters follow, such as a time constant.
         """
-        head = ("parameter", "value", "std error", "relative", "unit", "95 % interval", "status")
-        rows = tuple(map(_cells, _rows(self.document, derived, _MOST_ENTRIES)))
-        return Table(head, rows, right=(1, 3))
+        return parameter_table(self.document, derived)
 
     def to_dataframe(self, *, derived: bool = False) -> DataFrame:
         """Return the parameters as a table of pandas, an entry of a list in each row.
@@ -97,7 +77,7 @@ class Presented:
                 "status": r.status,
                 "reason": reasons.get(place_of(r.name)[0], ""),
             }
-            for r in _rows(self.document, derived)
+            for r in entries(self.document, derived)
         ]
         return pd.DataFrame(records).set_index("parameter")
 
@@ -168,8 +148,7 @@ class Presented:
 
     def summary(self) -> str:
         """Return verdict, parameters, validation and warnings as text."""
-        fit = self.document.fit
-        lines = [f"{self.document.family}: verdict {fit.verdict}, {_agreement(fit)}"]
+        lines = [self._headline(f"verdict {self.document.fit.verdict}, ")]
         lines += [f"  {line}" for line in repr(self.table()).splitlines()]
         lines += _validation(self.document)
         lines += [f"{word} ({code}): {text}" for word, code, text in _notices(self.document)]
@@ -178,6 +157,11 @@ class Presented:
     def __str__(self) -> str:
         return self.summary()
 
+    def _headline(self, verdict: str = "") -> str:
+        """Family and agreement, with the verdict before it if that is given."""
+        agreement = ", ".join(agreement_parts(self.document.fit, recorded_units(self.document)))
+        return f"{self.document.family}: {verdict}{agreement}"
+
     def _repr_html_(self) -> str:
         """The same for notebooks."""
         verdict = str(self.document.fit.verdict)
@@ -185,8 +169,7 @@ class Presented:
             f'<span style="background:{_COLOURS[verdict]};color:#fff;padding:0.1em 0.5em;'
             f'border-radius:0.3em"><b>{verdict.upper()}</b></span>'
         )
-        said = html.escape(f"{self.document.family}: {_agreement(self.document.fit)}")
-        parts = [f"<p>{badge} {said}</p>"]
+        parts = [f"<p>{badge} {html.escape(self._headline())}</p>"]
         parts.append(self.table()._repr_html_())
         parts += [f"<p>{html.escape(line)}</p>" for line in _validation(self.document)]
         if notices := _notices(self.document):
@@ -211,15 +194,31 @@ def document_of(given: ParametersLike, lookup: Lookup) -> ParameterDocument:
     return given.document if isinstance(given, Presented) else read_document(given, lookup)
 
 
+def weak_file(document: ParameterDocument, name: str = "the parameter file") -> list[Notice]:
+    """Return a notice where the verdict of a file is not ``pass``.
+
+    Whatever is computed from such a file inherits its weakness.
+    """
+    verdict = document.fit.verdict
+    if verdict == "pass":
+        return []
+    codes = dict.fromkeys(w.code for w in document.warnings if not is_note(w.code))
+    why = f" ({', '.join(codes)})" if codes else ""
+    return [
+        Notice(
+            "weak-file",
+            f"{name} has the verdict {verdict.upper()}{why}. Look at its warnings before you "
+            "rely on its numbers.",
+        )
+    ]
+
+
 def _validation(document: ParameterDocument) -> list[str]:
-    return [f"validation {entry.file}: {_agreement(entry)}" for entry in document.validation]
-
-
-def _agreement(entry: Fit | LogFit) -> str:
-    if entry.rmse is None:
-        return "no sample that the model describes"
-    percent = "" if entry.fit_percent is None else f"fit {percent_text(entry.fit_percent)}, "
-    return f"{percent}rmse {entry.rmse.value:.4g} {entry.rmse.unit}, {entry.samples} samples"
+    units = recorded_units(document)
+    return [
+        f"validation {entry.file}: {', '.join(agreement_parts(entry, units))}"
+        for entry in document.validation
+    ]
 
 
 def _notices(document: ParameterDocument) -> list[tuple[str, str, str]]:
@@ -237,43 +236,3 @@ def _reasons(document: ParameterDocument) -> dict[str, str]:
     said = [w.message for w in document.warnings if w.code == "not-identified"]
     lost = [n for n, p in document.parameters.items() if p.status == "not_identified"]
     return {n: in_python(next((m for m in said if m.startswith(f"{n} ")), "")) for n in lost}
-
-
-def _rows(document: ParameterDocument, derived: bool, most: int | None = None) -> Iterator[_Row]:
-    """Numbers of a document; a list of more than ``most`` entries is one row without a value."""
-    entries: dict[str, Derived] = dict(document.parameters)
-    if derived:
-        entries |= document.derived
-    for name, entry in entries.items():
-        value = np.array(entry.value, dtype=float)
-        status = entry.status or "derived"
-        if most is not None and (value.ndim > 1 or value.size > most):
-            yield _Row(name, None, None, None, entry.unit, status, value.shape)
-            continue
-        error = None if entry.std_error is None else np.array(entry.std_error, dtype=float)
-        ends = None if entry.ci95 is None else np.array(entry.ci95, dtype=float)
-        for at in np.ndindex(value.shape):
-            yield _Row(
-                name + "".join(f"[{k}]" for k in at),
-                float(value[at]),
-                None if error is None else float(error[at]),
-                None if ends is None else (float(ends[at][0]), float(ends[at][1])),
-                entry.unit,
-                status,
-            )
-
-
-def _cells(row: _Row) -> tuple[str, ...]:
-    status = row.status.replace("_", " ")
-    if row.value is None:
-        size = " x ".join(map(str, row.size))
-        return row.name, f"{size} numbers", "", "", row.unit, "", status
-    return (
-        row.name,
-        format_number(row.value, row.std_error),
-        f"± {format_spread(row.std_error)}" if row.std_error else "",
-        "" if row.percent is None else f"{row.percent:.2g} %",
-        row.unit,
-        format_interval(row.interval, row.std_error),
-        status,
-    )

@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from .block import Block, ValidRange, valid_ranges
+from .block import Block, ValidRange, are_samples, valid_ranges
 from .control import make_block
-from .errors import StrictError, UsageError
+from .errors import StrictError
 from .experiment import FloatArray
-from .logs import LogLike, Reading, open_logs
+from .logs import LogLike, Reading
 from .notices import is_information
 from .outcome import Outcome, Simulation
 from .parameters import ParameterDocument, save_document
-from .simulation import simulate_logs
+from .simulation import simulate_given
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -165,16 +164,9 @@ class FitResult(Outcome):
         LogError, UsageError
             When a log does not have what the model needs, or the model takes no samples.
         """
-        if time is None and not _are_samples(logs):
-            return simulate_logs(self.document, open_logs(logs, **how))
-        simulate = getattr(self.model, "simulate", None)
-        if simulate is None:
-            raise UsageError(
-                f"a model of {self.family} does not simulate samples of one input.",
-                expected="Expected logs: paths, DataFrames or mappings of header to array.",
-                remedy="Use the model itself: result.model is what ff.load returns.",
-            )
-        return np.asarray(simulate(logs, time, **how))
+        if time is None and not are_samples(logs):
+            return simulate_given(self.document, logs, **how)
+        return np.asarray(self.model.simulate(logs, time, **how))
 
     def plot(self) -> Figure:
         """Return a figure: measured against simulated, residuals, and the curve of a map."""
@@ -193,11 +185,3 @@ class FitResult(Outcome):
         from .report import write_html
 
         return write_html(self, path, overwrite=overwrite)
-
-
-def _are_samples(given: Any) -> bool:
-    """Return whether something is samples of one signal, and no log."""
-    if isinstance(given, list | tuple):
-        return bool(given) and all(isinstance(value, Real) for value in given)
-    named = getattr(getattr(given, "dtype", None), "names", None)
-    return getattr(given, "ndim", None) == 1 and not named

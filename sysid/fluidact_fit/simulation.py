@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Unpack
 from warnings import warn
 
 import numpy as np
@@ -14,7 +15,7 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
-from .logs import Log, StepInput, require_agreement
+from .logs import Log, LogLike, Reading, StepInput, open_logs, require_agreement
 from .logs import experiments as experiments_of
 from .logs.columns import in_unit
 from .logs.experiments import step_signal
@@ -111,8 +112,15 @@ def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simu
     runs, notices = prepare_logs(document, recall_logs(document, logs))
     for notice in notices:
         if notice.code == "beyond-validity":
-            warn(notice.message, ExtrapolationWarning, stacklevel=3)
+            warn(notice.message, ExtrapolationWarning, stacklevel=4)
     return simulate_runs(document, runs)
+
+
+def simulate_given(
+    document: ParameterDocument, logs: Sequence[LogLike] | LogLike, **reading: Unpack[Reading]
+) -> list[Simulation]:
+    """Open logs and simulate a document's model with their inputs; see :func:`simulate_logs`."""
+    return simulate_logs(document, open_logs(logs, **reading))
 
 
 def simulate_steps(

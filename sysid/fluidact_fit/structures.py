@@ -231,11 +231,13 @@ def _structures(
             remedy="Compare parameter files instead, fitted with different options.",
         )
     given = {name.replace("_", "-"): value for name, value in options.items()}
-    found = [
-        s for s in family.structures
-        if all(given.get(k, v) == v for k, v in s.options.items())
-        and all(held.get(k, v) == v for k, v in s.fixed.items())
-    ]  # fmt: skip
+    distinct: dict[Any, Structure] = {}  # what is held may make two structures the same one
+    for s in family.structures:
+        agrees = all(given.get(k, v) == v for k, v in s.options.items())
+        if agrees and all(held.get(k, v) == v for k, v in s.fixed.items()):
+            key = (frozenset(s.options.items()), frozenset({**s.fixed, **held}.items()))
+            distinct.setdefault(key, s)
+    found = list(distinct.values())
     if len(found) < 2:
         settings = dict.fromkeys(f"--{k}" for s in family.structures for k in s.options)
         settings |= dict.fromkeys(f"--fix {k}" for s in family.structures for k in s.fixed)

@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .units import display_unit
+
 _CELL = "padding:0.1em 0.6em;text-align:{};white-space:{};vertical-align:top"
 _MOST_PERCENT = 1000
 _NARROW = 40  # characters of a cell that is never broken
@@ -38,6 +40,18 @@ def format_interval(ends: Sequence[float] | None, spread: float | None) -> str:
     return f"[{format_number(ends[0], spread)}, {format_number(ends[1], spread)}]"
 
 
+def format_estimate(value: float, spread: float | None) -> str:
+    """Return a number with its standard error, both to the second digit of the error."""
+    error = f" ± {format_spread(spread)}" if spread and math.isfinite(spread) else ""
+    return format_number(value, spread) + error
+
+
+def format_quantity(value: float, unit: str, recorded: Sequence[str] = (), digits: int = 4) -> str:
+    """Return a value in SI as people read it, with its unit: see :func:`.units.display_unit`."""
+    shown = display_unit(unit, abs(value), recorded)
+    return f"{value * shown.factor:.{digits}g} {shown.unit.removeprefix('1')}".rstrip()
+
+
 def percent_text(value: float | None, form: str = ".2f") -> str:
     """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none.
 
@@ -55,9 +69,16 @@ def percent_text(value: float | None, form: str = ".2f") -> str:
     return f"{text} %"
 
 
+def probability_text(p: float) -> str:
+    """Return a p value for people; one below 1e-4 is as good as zero."""
+    return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
+
+
 @dataclass(frozen=True, repr=False)
 class Table:
     """Cells of text under a heading: ``print`` aligns them, a notebook shows them as HTML.
+
+    Columns without an entry are not shown.
 
     Attributes
     ----------
@@ -67,32 +88,38 @@ class Table:
         Cells, as many in each as there are titles.
     right
         Columns that are aligned to the right, counted from 0.
+    drop
+        Columns that a narrow terminal does without, the first one first.
     """
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     right: tuple[int, ...] = ()
+    drop: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
 
+    @property
+    def filled(self) -> list[int]:
+        """Columns with an entry; the first one always."""
+        return [i for i in range(len(self.head)) if i == 0 or any(row[i] for row in self.rows)]
+
     def __repr__(self) -> str:
-        columns = list(zip(self.head, *self.rows))
-        widths = [max(map(len, cells)) for cells in columns]
+        every = (self.head, *self.rows)
+        widths = {i: max(len(row[i]) for row in every) for i in self.filled}
         lines = []
-        for row in (self.head, *self.rows):
+        for row in every:
             cells = (
-                cell.rjust(width) if i in self.right else cell.ljust(width)
-                for i, (cell, width) in enumerate(zip(row, widths))
+                row[i].rjust(width) if i in self.right else row[i].ljust(width)
+                for i, width in widths.items()
             )
             lines.append("  ".join(cells).rstrip())
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head = "".join(self._cell("th", i, text) for i, text in enumerate(self.head))
-        rows = (
-            "".join(self._cell("td", i, text) for i, text in enumerate(row)) for row in self.rows
-        )
+        head = "".join(self._cell("th", i, self.head[i]) for i in self.filled)
+        rows = ("".join(self._cell("td", i, row[i]) for i in self.filled) for row in self.rows)
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 

@@ -29,7 +29,12 @@ from fluidact_fit.families import get_family
         # dead zone 29 % off at 12 standard errors
         (hydraulic_motor, "valve of another shape", "opens softly", "'command' acts gradually"),
         # gain 16 % off at 19
-        (hydraulic_motor, "valve of another shape", "saturates by and by", "'command' acts as"),
+        (
+            hydraulic_motor,
+            "valve of another shape",
+            "saturates by and by",
+            "'command' behaves as if",
+        ),
         # dead zone 5 % off at 12
         (
             hydraulic_motor,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.presentation import weak_file
 
 Run = Callable[..., Any]
 Log = Callable[..., Path]
@@ -41,6 +42,26 @@ def test_same_machine_passes(here: Run, fitted: Path, valve: Log) -> None:
     assert done.status == 0, done.err
     assert "still fits" in done.out
     assert "gain" in done.out
+
+
+def test_check_and_export_name_a_weak_file(here: Run, inside: Path, valve: Log) -> None:
+    kept = Path(__file__).parents[1] / "golden" / ff.__version__ / "valve.yaml"
+    text = kept.read_text(encoding="utf-8")
+    assert "verdict: pass" in text
+    (inside / "sound.yaml").write_text(text)
+    (inside / "weak.yaml").write_text(text.replace("verdict: pass", "verdict: warn"))
+    done = here("export", "sound.yaml", "weak.yaml", "--to", "json")
+    assert done.status == 0, done.err
+    assert [line for line in done.err.splitlines() if "weak-file" in line] == [
+        "warning (weak-file): weak.yaml has the verdict WARN."
+    ]
+    document = ff.read_document("weak.yaml")
+    (notice,) = weak_file(document)
+    assert notice.message.startswith("the parameter file has the verdict WARN.")
+    log = Path(__file__).parents[2] / "datasets/valve/trial1.csv"
+    columns = {"time": "#1", "command": "#2", "outlet": "#3"}
+    assert notice in ff.check(document, log, columns=columns).notices
+    assert weak_file(ff.read_document("sound.yaml")) == []
 
 
 def test_changed_machine_fails_and_names_what_changed(here: Run, fitted: Path, valve: Log) -> None:

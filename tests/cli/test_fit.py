@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import fluidact_fit as ff
 from fluidact_fit import read_document
 
 Run = Callable[..., Any]
@@ -383,3 +385,32 @@ def test_fit_refuses_an_existing_file_before_it_looks_for_a_family(
     assert done.status == 2
     assert "mine.yaml already exists" in done.err
     assert "family-found" not in done.err
+
+
+def test_fit_without_a_family_fits_the_chosen_one_once(
+    here: Run, valve: Log, inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trial that chose the family was thrown away, and the logs were read and fitted again."""
+    import fluidact_fit.advice
+    import fluidact_fit.fitting
+
+    tried: list[str] = []
+
+    def counted(family: str, *args: Any, **how: Any) -> Any:
+        tried.append(family)
+        return original(family, *args, **how)
+
+    original = fluidact_fit.fitting.fit
+    log = valve()
+    with monkeypatch.context() as counting:
+        for module in (fluidact_fit.fitting, fluidact_fit.advice):
+            counting.setattr(module, "fit", counted)
+        done = here("fit", log, "-o", "found.yaml")
+    assert done.status == 0, done.err
+    assert tried.count("valve") == 1
+    document = ff.read_document("found.yaml")
+    assert document.provenance.command is not None
+    assert document.provenance.command.startswith("fluidact-fit valve")
+    again = here(*shlex.split(document.provenance.command)[1:], "-f")
+    assert again.status == 0, again.err
+    assert ff.read_document("found.yaml").parameters == document.parameters

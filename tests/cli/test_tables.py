@@ -9,29 +9,39 @@ from typing import Any
 
 import pytest
 
+import fluidact_fit as ff
+from fluidact_fit.parameters.document import Derived, Deviation, Parameter
 from fluidact_fit_cli.parameter_table import echo_parameters
 from fluidact_fit_cli.show import echo_table
 
 COLOUR = re.compile("\x1b\\[[0-9]+m")
 
 
-def document(verdict: str = "pass") -> dict[str, Any]:
-    """A parameter file as far as the tables read it, by hand."""
-    columns = {"time": {"unit": "ms"}, "command": {"unit": "V"}, "outlet": {"unit": "bar"}}
-    return {
-        "parameters": {
-            "gain": {"value": 1.5e5, "unit": "Pa/V", "std_error": 300.0,
-                     "ci95": [149400.0, 150600.0], "status": "estimated"},
-            "dead_time": {"value": 0.0, "unit": "s", "status": "not_identified"},
-            "inertia": {"value": 1.17e-6, "unit": "kg m2", "std_error": 2e-5, "ci95": [-4e-5, 4e-5],
-                        "status": "estimated"},
-        },
-        "derived": {"rise_time": {"value": 0.0123, "unit": "s", "std_error": 1e-4}},
-        "fit": {"verdict": verdict, "fit_percent": 99.5, "rmse": {"value": 2.2e5, "unit": "Pa"},
-                "samples": 300, "logs": []},
-        "validation": [],
-        "provenance": {"logs": [{"columns": columns}]},
-    }  # fmt: skip
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
+
+
+def document(verdict: str = "pass") -> Any:
+    """A parameter file of a valve with numbers by hand, as if its log had been in ms and bar."""
+    read = ff.read_document(GOLDEN / "valve.yaml")
+    log, *_ = read.provenance.logs
+    units = {"time": "ms", "command": "V", "outlet": "bar"}
+    columns = {role: log.columns[role].model_copy(update={"unit": u}) for role, u in units.items()}
+    logs = [log.model_copy(update={"columns": columns})]
+    gain = Parameter(value=1.5e5, unit="Pa/V", std_error=300.0, ci95=[149400.0, 150600.0],
+                     status="estimated")  # fmt: skip
+    inertia = Parameter(value=1.17e-6, unit="kg m2", std_error=2e-5, ci95=[-4e-5, 4e-5],
+                        status="estimated")  # fmt: skip
+    lost = Parameter(value=0.0, unit="s", status="not_identified")
+    fit = read.fit.model_copy(update={
+        "verdict": verdict, "fit_percent": 99.5, "samples": 300, "logs": [],
+        "rmse": Deviation(value=2.2e5, unit="Pa"),
+    })  # fmt: skip
+    return read.model_copy(update={
+        "parameters": {"gain": gain, "dead_time": lost, "inertia": inertia},
+        "derived": {"rise_time": Derived(value=0.0123, unit="s", std_error=1e-4)},
+        "fit": fit, "validation": [],
+        "provenance": read.provenance.model_copy(update={"logs": logs}),
+    })  # fmt: skip
 
 
 @pytest.fixture
@@ -58,6 +68,15 @@ def test_values_stand_in_units_of_the_log_beside_si(capsys: pytest.CaptureFixtur
         ["rise_time", "12.30", "± 0.10", "ms", "0.81", "0.01230 s", "derived"],
     ]
     assert lines[-1] == "verdict PASS   fit 99.50 %   rmse 2.2 bar   300 samples"
+
+
+def test_python_shows_the_table_of_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = ff.load(GOLDEN / "valve.yaml", accept_failed=True)
+    shown.document = document()
+    echo_parameters(shown.document)
+    printed = capsys.readouterr().out
+    assert repr(shown.table(derived=True)) in printed
+    assert "rmse 2.2 bar" in shown.summary()
 
 
 @pytest.mark.parametrize("columns", [45, 60, 80, 120])

@@ -122,7 +122,9 @@ def test_block_and_simulate_give_the_same_numbers(trial: Any, tmp_path: Path) ->
 
 def test_a_dynamic_block_simulates_a_record(trial: Any, tmp_path: Path) -> None:
     block = ff.load(trial.path, accept_not_identified=True)
-    if not (hasattr(block, "simulate") and hasattr(block, "input") and len(trial.inputs) == 1):
+    if not (
+        hasattr(block, "simulate_samples") and hasattr(block, "input") and len(trial.inputs) == 1
+    ):
         pytest.skip("not a dynamic block of one input")
     run = from_rest(trial, tmp_path)
     signal = run.experiment.signals[block.input.role]

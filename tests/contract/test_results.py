@@ -14,7 +14,9 @@ import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.options import describe
+from fluidact_fit.parameter_table import recorded_units
 from fluidact_fit.tables import format_spread
+from fluidact_fit.units import display_unit
 
 SAME = 0.1  # standard errors
 
@@ -45,14 +47,17 @@ def test_a_result_is_readable(result: ff.FitResult) -> None:
 
 def test_a_summary_names_every_parameter(result: ff.FitResult) -> None:
     text, page = result.summary(), result._repr_html_()
+    units = recorded_units(result.document)
     for name, quantity in result.parameters.items():
         assert name in text
         assert name in page
         if quantity.status != "estimated":
             assert quantity.status.replace("_", " ") in text
         elif isinstance(quantity.std_error, float):
-            assert f"± {format_spread(quantity.std_error)}" in text
-            assert f"± {format_spread(quantity.std_error)}" in page
+            shown = display_unit(quantity.unit, abs(quantity.number), units)
+            error = format_spread(quantity.std_error * shown.factor)
+            assert f"± {error}" in text
+            assert f"± {error}" in page
     assert result.verdict in text.lower()
     assert result.verdict.upper() in page
     assert "<table" in page
@@ -159,7 +164,7 @@ def test_draws_scatter_as_the_covariance_says(result: ff.FitResult) -> None:
 def test_samples_of_the_input_are_simulated_as_the_model_does(result: ff.FitResult) -> None:
     role = result.variant.driving[0].name if result.variant.driving else ""
     run = result.experiments[0]
-    if not hasattr(result.model, "simulate"):
+    if not hasattr(result.model, "simulate_samples"):
         with pytest.raises(ff.UsageError, match="does not simulate samples"):
             result.simulate(np.zeros(3))
         return
@@ -169,6 +174,15 @@ def test_samples_of_the_input_are_simulated_as_the_model_does(result: ff.FitResu
     np.testing.assert_array_equal(
         result.simulate(u[:20].tolist()), result.model.simulate(u[:20].tolist())
     )
+
+
+def test_a_loaded_model_simulates_the_logs_that_a_result_does(
+    trial: Any, result: ff.FitResult
+) -> None:
+    block = ff.load(trial.path, accept_failed=True, accept_not_identified=True)
+    for found, due in zip(block.simulate(trial.logs[0]), result.simulate(trial.logs[0])):
+        np.testing.assert_array_equal(found.measured, due.measured)
+        np.testing.assert_allclose(found.simulated, due.simulated, rtol=1e-9, atol=1e-12)
 
 
 def test_python_checks_as_the_command_line_does(

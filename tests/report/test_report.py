@@ -9,6 +9,7 @@ import sys
 from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.demo import load_dataset
+from fluidact_fit.errors import Notice, OutputError, UsageError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Curve, NoiseModel, Quantity, StaticView, make_solution
@@ -37,11 +39,11 @@ from fluidact_fit.report.numbers import (
     scaled,
     short,
     show,
-    with_error,
 )
 from fluidact_fit.report.page import result_page
 from fluidact_fit.report.panels import correlation
 from fluidact_fit.report.reading import picture
+from fluidact_fit.report.responses import responses_picture
 from fluidact_fit.report.runs import envelope
 from fluidact_fit.result import FitResult
 
@@ -363,13 +365,14 @@ def test_page_is_whole_self_contained_and_escaped(tmp_path: Path, runs: int) -> 
     (script,) = re.findall("<script>(.*?)</script>", page, re.DOTALL)
     trusted = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{trusted}'\"" in page
-    assert len(found.sources) == 2
+    # fit, validation, and responses where so short runs still tell one
+    assert len(found.sources) == (3 if runs == 1 else 2)
     assert all(s.startswith("data:image/svg+xml;base64,") for s in found.sources)
     assert found.text.index("Warnings") < found.text.index("The model against")
     for word in (
-        EVIL, "WARN", "0.4000 ± 0.0020", "not identified", "time_constant", "Provenance",
+        EVIL, "WARN", "0.4000 ± 0.0020 s", "not identified", "time_constant", "Provenance",
         "Correlation", "extrapolates", "−0.50", "sha256",
-        "Record sharp steps", "-> do <this>", "400.0 ± 2.0 ms",
+        "Record sharp steps", "-> do <this>", "400.0 ± 2.0",
     ):  # fmt: skip
         assert word in found.text, word
 
@@ -390,7 +393,8 @@ def test_page_of_a_file_alone(tmp_path: Path) -> None:
 
 def test_pictures_are_told_in_words_and_tables_are_reached_by_keyboard() -> None:
     page = result_page(make(300, 2, validation=True))
-    first, second = re.findall('<img alt="([^"]*)"', page)
+    first, responses, second = re.findall('<img alt="([^"]*)"', page)
+    assert "step response of the model is within its band" in responses
     for word in ("measured and simulated", "run0: fit ", "largest residual", "98.50 %", "PASS"):
         assert word in first, word
     assert "not fitted" in second
@@ -426,16 +430,16 @@ def test_values_read_off_a_picture_are_those_that_were_drawn() -> None:
     ("value", "error", "text"),
     [
         (53.7123, 0.21, "53.71 ± 0.21"),
-        (1.17112e-6, 4e-11, "(1.171120 ± 0.000040)×10⁻⁶"),
-        (0.0, 0.02, "0.000 ± 0.020"),
+        (1.17112e-6, 4e-11, "1.171120×10⁻⁶ ± 4.0×10⁻¹¹"),
+        (0.0, 0.02, "0 ± 0.020"),
         (-2.9986, 0.0017, "−2.9986 ± 0.0017"),
-        (1234567.0, 1500.0, "(1.2346 ± 0.0015)×10⁶"),
-        (12.0, None, "12.00"),
+        (1234567.0, 1500.0, "1234567 ± 1500"),
+        (12.0, None, "12"),
         (0.0, None, "0"),
     ],
 )
 def test_values_stand_with_their_errors(value: float, error: float | None, text: str) -> None:
-    assert with_error(value, error) == text
+    assert show(value, error) == text
 
 
 def test_numbers_as_people_read_them() -> None:
@@ -502,3 +506,24 @@ def test_samples_that_were_replaced_are_drawn_as_they_were_recorded(tmp_path: Pa
     assert at == pytest.approx(recorded[499])
     assert beyond == upper.get_ylim()[1] < recorded[299]
     assert "left out" in texts(figure)
+
+
+def test_page_shows_the_model_over_the_response_that_needs_no_model() -> None:
+    columns = {"time": "#1", "command": "#2", "outlet": "#3"}
+    result = ff.fit("valve", ROOT / "datasets/valve/trial1.csv", columns=columns)
+    found = responses_picture(result)
+    assert found is not None
+    impulse, step, *_ = found.panels
+    assert [name for _, name in step.lines] == ["recorded", "model"]
+    assert step.x_label[1] == impulse.x_label[1]
+    share = re.search(r"within its band at ([\d.]+) %", found.words)
+    assert share is not None
+    assert float(share[1]) > 80.0
+    assert "warnings" not in found.title
+    weak = replace(result, notices=[Notice("unmodelled-response", "a lag")])
+    titled = responses_picture(weak)
+    assert titled is not None
+    assert "unmodelled-response" in titled.title
+    assert escape(found.words) in result_page(result)
+    static = load_dataset("potentiometer")
+    assert responses_picture(ff.fit("potentiometer", static.read(), **static.options)) is None

@@ -16,8 +16,9 @@ from fluidact_fit.batch.jobs import Job
 from fluidact_fit.batch.outcome import Number, Outcome, Task, write_record
 from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
-from fluidact_fit.families import family_names
+from fluidact_fit.families import family_names, get_family
 from fluidact_fit.files import shell_command
+from fluidact_fit.parameters import make_document
 
 from ..errors import Invocation, explain, silenced
 from ..parameter_table import echo_parameters
@@ -116,7 +117,7 @@ def _table(document: dict[str, Any]) -> str:
         return ""
     shown = io.StringIO()
     with contextlib.redirect_stdout(shown):
-        echo_parameters(document)
+        echo_parameters(make_document(document, get_family))
     return shown.getvalue()
 
 

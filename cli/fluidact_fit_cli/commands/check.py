@@ -10,7 +10,7 @@ import click
 from .. import options
 from ..messages import echo_notices
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table
+from ..show import echo, echo_json, show_table
 
 if TYPE_CHECKING:
     from fluidact_fit.check import Check
@@ -58,10 +58,9 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
 
 def _show(found: Check) -> None:
-    logs, parameters = found.log_table(), found.table()
-    echo_table([logs.head, *logs.rows], right=logs.right)
+    show_table(found.log_table())
     if found.drifts:
         echo()
-        echo_table([parameters.head, *parameters.rows], right=parameters.right, drop=(4, 3))
+        show_table(found.table())
     if found.fits:
         echo("\nthe model still fits")

@@ -12,7 +12,7 @@ from fluidact_fit.families import family_names, get_family
 from .. import options
 from ..errors import Invocation
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, echo_text
+from ..show import echo, echo_json, echo_text, show_table
 
 
 class _Compare(options.Command):
@@ -89,8 +89,7 @@ def command(
     if as_json:
         echo_json(found.to_dict())
     elif not params["quiet"]:
-        table = found.table()
-        echo_table([table.head, *table.rows])
+        show_table(found.table())
         echo()
         for line in found.conclusions:
             echo_text(line)

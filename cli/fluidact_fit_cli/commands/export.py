@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import click
 
-from ..messages import tell_message
+from ..messages import echo_notices, tell_message
 from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..show import echo
@@ -70,7 +68,7 @@ def command(
 
     controller = params["controller"]
     try:
-        written: Sequence[Path] = export(
+        written = export(
             params_files, to, folder,
             overwrite=params["force"], arithmetic=params["arithmetic"],
             accept_failed=params["accept_failed"],
@@ -87,5 +85,6 @@ def command(
         for file in [controller] if controller else params_files:
             if note := renamed(file):
                 tell_message("note", note)
+        echo_notices(written.notices)
     if failed is not None:
         raise failed

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,11 +17,13 @@ from ..errors import Invocation
 from ..messages import tell_message
 from ..outputs import check_targets
 from ..progress import Progress
-from .fit_family import make_command, output_options, targets_of
+from ..recorded import recorded_command
+from .fit_family import make_command, output_options, targets_of, write_result
 from .inspect import show_advice
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
+    from fluidact_fit.result import FitResult
 
 _OUTPUT = {"--output": True, "-o": True, "--debug": False}
 
@@ -61,9 +64,28 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
     words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read[0])]
     if not params["quiet"]:
         tell_message("note", shell_command(["fluidact-fit", *words]), "family-found")
+    if chosen.result is not None and params["controller_sample_time"] is None:
+        _finish(chosen.family, chosen.result, words, logs, params)
+        return
     family = make_command(chosen.family)
     family.main(words[1:], prog_name=f"fluidact-fit {chosen.family}", standalone_mode=False,
                 obj=Invocation(tuple(words), invocation.read, invocation.written))  # fmt: skip
+
+
+def _finish(
+    family: str,
+    result: FitResult,
+    words: Sequence[str],
+    logs: Sequence[str],
+    params: Mapping[str, Any],
+) -> None:
+    """Write and show the fit by which the family was chosen, as its own command would."""
+    targets = targets_of(family, params)
+    check_targets(targets, logs, params["force"])
+    command = recorded_command(words, {**params, "logs": logs})
+    origin = result.document.provenance.model_copy(update={"command": command})
+    document = result.document.model_copy(update={"provenance": origin})
+    write_result(replace(result, document=document), targets, params)
 
 
 def _ask(found: Sequence[Suggestion]) -> Suggestion:

@@ -138,14 +138,25 @@ def run_fit(
     stages = [stage for stage in _STAGES if stage != "validating" or validated]
     with closing(Progress(params["quiet"], params["verbose"], stages=stages)) as progress:
         result = _fit(family, params, invocation, progress)
-        document = result.document_to_write(params["accept_failed"])
-        result = replace(result, document=document)
+        result = replace(result, document=result.document_to_write(params["accept_failed"]))
         progress("writing")
         write_all(_render(result, targets), params["force"])
+    show_result(result, targets, params)
+
+
+def write_result(result: FitResult, targets: Mapping[str, str], params: Mapping[str, Any]) -> None:
+    """Write the files of a fit that has been made, and show it."""
+    result = replace(result, document=result.document_to_write())
+    write_all(_render(result, targets), params["force"])
+    show_result(result, targets, params)
+
+
+def show_result(result: FitResult, targets: Mapping[str, str], params: Mapping[str, Any]) -> None:
+    """Print the numbers of a fit, the names of its files, and its warnings."""
     if params["as_json"]:
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
-        echo_parameters(result.document.to_dict(), params["verbose"])
+        echo_parameters(result.document, params["verbose"])
         echo_text("written to " + ", ".join(targets.values()))
     if not params["quiet"]:
         echo_notices(result.notices)

@@ -484,17 +484,17 @@ def _bowed(signal: Signal, size: float) -> str:
 
 
 def _aside(signal: Signal, size: float) -> str:
-    return f"'{signal.role}' acts as {_more(signal, size)} than it shows where it is negative"
+    return f"'{signal.role}' behaves as if {_more(signal, size)} than logged where it is negative"
 
 
 def _steeper(signal: Signal, size: float) -> str:
-    change = f"{abs(100.0 * size):.3g} % {'more' if size > 0.0 else 'less'}"
-    return f"'{signal.role}' acts by {change} where it is negative than elsewhere"
+    change = f"{abs(100.0 * size):.3g} % {'larger' if size > 0.0 else 'smaller'}"
+    return f"the effect of '{signal.role}' is {change} where it is negative than elsewhere"
 
 
 def _bent(sign: float, place: float, signal: Signal, size: float) -> str:
     change = _more(signal, sign * size)
-    return f"'{signal.role}' acts as {change} at {signal.text(place)} than it shows"
+    return f"'{signal.role}' behaves as if {change} than logged at {signal.text(place)}"
 
 
 def _more(signal: Signal, size: float) -> str:

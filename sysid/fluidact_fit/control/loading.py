@@ -10,6 +10,7 @@ from ..errors import StrictError
 from ..families import get_family
 from ..parameters import ParameterDocument
 from ..parameters import read_document as _read
+from ..simulation import simulate_given
 
 
 def read_document(path: str | os.PathLike[str]) -> ParameterDocument:
@@ -82,4 +83,6 @@ def make_block(
             remedy="Fit again, or load it anyway with load(path, accept_failed=True).",
         )
     family = get_family(document.family)
-    return family.block(family.variant(document.variant), document)
+    block = family.block(family.variant(document.variant), document)
+    block.log_simulator = simulate_given
+    return block

@@ -9,15 +9,18 @@ from pathlib import Path
 
 from ..block import Block
 from ..control import load
-from ..errors import NotIdentifiedError, OutputError, StrictError, UsageError
+from ..errors import Notice, NotIdentifiedError, OutputError, StrictError, UsageError
 from ..files import PathLike, refuse_outputs
 from ..parameters.atomic import write_together
+from ..presentation import weak_file
 from .registry import TARGETS, get_controller_target, get_target
 from .target import Arithmetic, Job, Origin, make_job, origin_of, sha256_of
 
 
 class Exported(list[Path]):
-    """Paths of the files that an export wrote."""
+    """Paths of the files that an export wrote; ``notices`` name files with a weak verdict."""
+
+    notices: Sequence[Notice] = ()
 
     def summary(self) -> str:
         """Return the paths, one a line."""
@@ -116,7 +119,7 @@ def export(
         contents = [_controller(to, controller, blocks, arithmetic or "float32", origins)]
         files.append(os.fspath(controller))
     if failures and not contents:
-        raise failures[0][1] if len(files) == 1 else NotExportedError(failures, [])
+        raise failures[0][1] if len(files) == 1 else NotExportedError(failures, Exported())
     made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
     _refuse_same_files(made)
     _check_places(made, files, overwrite)
@@ -124,6 +127,9 @@ def export(
     written = Exported(
         p for c in made for p in write_together(c, overwrite=overwrite, inputs=files)
     )
+    written.notices = [
+        n for path, b in zip(files, blocks) for n in weak_file(b.document, os.path.basename(path))
+    ]
     if failures:
         raise NotExportedError(failures, written)
     return written
@@ -135,14 +141,14 @@ class NotExportedError(UsageError):
     ``written`` names what was written.
     """
 
-    def __init__(self, failures: Sequence[tuple[str, UsageError]], written: Sequence[Path]) -> None:
+    def __init__(self, failures: Sequence[tuple[str, UsageError]], written: Exported) -> None:
         some = "file was" if len(failures) == 1 else "files were"
         super().__init__(
             f"{len(failures)} {some} not exported{'; the others were' if written else ''}.",
             expected="\n".join(f"{path}: {error.what}" for path, error in failures),
             remedy=failures[0][1].remedy,
         )
-        self.written = tuple(written)
+        self.written = written
 
 
 def _load(path: str) -> tuple[Block, str]:

@@ -27,6 +27,15 @@ from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 Problem = tuple[Location, str]
 CONTROLLER_FORMAT = "fluidact-controller"  # of the files that ``control`` reads
 
+# Suffixes by which a log is recognised where a parameter file was expected.
+_LOGS = {
+    ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".ods", ".mat", ".h5", ".hdf5", ".parquet", ".feather",
+    ".npz", ".tdms", ".mcap", ".bag", ".mf4", ".asc", ".lvm", ".gz", ".zip",
+}  # fmt: skip
+_FIT_IT = (
+    "Fit the log first: fluidact-fit inspect shows with which command. The parameter file (.yaml) "
+    "that the fit writes is what to give here."
+)
 _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
@@ -45,7 +54,14 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocu
     ParameterFileError
         Naming every problem with its path and line.
     """
-    return _read(read_yaml(path), lookup, os.fspath(path))
+    where = os.fspath(path)
+    try:
+        text = read_yaml(path)
+    except ParameterFileError as error:
+        if Path(path).suffix.lower() in _LOGS and os.path.isfile(path):
+            raise ParameterFileError(where, [("", "is a log by its name")], _FIT_IT) from error
+        raise
+    return _read(text, lookup, where)
 
 
 def parse_document(text: str, lookup: Lookup, where: str = "the document") -> ParameterDocument:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..comparison import Beside, Comparison
+from ..comparison import Comparison, ParameterComparison
 from . import style
 
 if TYPE_CHECKING:
@@ -54,6 +54,6 @@ def plot_comparison(comparison: Comparison) -> Figure | None:
     return figure
 
 
-def _reach(p: Beside, k: int) -> float:
+def _reach(p: ParameterComparison, k: int) -> float:
     """Half of the interval of a file, in per cent of the value of the first."""
     return 100.0 * _REACH * (p.std_errors[k] or 0.0) / abs(p.values[0] or 1.0)

@@ -13,10 +13,10 @@ from ..experiment import FloatArray
 from ..families import get_family
 from ..family import PhysicsView, Simulated
 from ..outcome import Outcome, Simulation
+from ..parameter_table import recorded_units
 from ..rows import blocks
 from . import style
-from .numbers import Scale, choose_scale, plain, scaled, spoken
-from .panels import scale_of
+from .numbers import Scale, choose_scale, plain, scale_of, scaled, spoken
 from .runs import drive_role, envelope, instants, subset, worst_residual
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def detail_row(figure: Figure, result: Outcome, left: float, right: float, top: 
     draws: list[Draw] = [partial(_close_up, c, result, longest) for c in _closeups(result)]
     draws += [partial(_other, result, role) for role in others]
     if view is not None:
-        draws.append(partial(_law, view))
+        draws.append(partial(_law, view, recorded_units(result.document)))
     grid = figure.add_gridspec(1, len(draws), left=left, right=right, top=top, bottom=0.06,
                                wspace=0.27)  # fmt: skip
     for axes, draw in zip(grid.subplots(squeeze=False)[0], draws):
@@ -75,7 +75,8 @@ def _closeups(result: Outcome) -> list[_Closeup]:
         ((worst_residual(r), r) for r in result.fitted), key=lambda entry: entry[0][0]
     )
     unit = result.experiments[0].signals[result.variant.output.name].unit
-    what = f"largest residual: {scaled(size, unit)}"
+    units = recorded_units(result.document)
+    what = f"largest residual: {scaled(size, unit, units)}"
     out = [_around(worst, float(instants(worst)[k]), 0.5, what)]
     edges = [(_sharpest(r, drive_role(result.variant)), r) for r in result.fitted]
     (_, at), run = max(edges, key=lambda entry: entry[0][0])
@@ -111,18 +112,21 @@ def _close_up(part: _Closeup, result: Outcome, longest: int, axes: Axes) -> None
     curves = [("measured", part.run.measured, style.MEASURED, 3.0),
               ("simulated", part.run.simulated, style.SIMULATED, 1.2)]  # fmt: skip
     name = plain(part.run.experiment.name, longest) if longest else ""
-    _over_time(axes, part, curves, scale_of([part.run.measured], unit), spoken(output))
+    units = recorded_units(result.document)
+    y = scale_of([part.run.measured], unit, units)
+    _over_time(axes, part, curves, (choose_scale("s", part.high, units), y), spoken(output))
     style.dress(axes, part.title + (f" ({name})" if name else ""))
 
 
 def _over_time(
-    axes: Axes, part: _Closeup, curves: Sequence[tuple[str, FloatArray, str, float]], y: Scale,
-    label: str,
+    axes: Axes, part: _Closeup, curves: Sequence[tuple[str, FloatArray, str, float]],
+    scales: tuple[Scale, Scale], label: str,
 ) -> None:  # fmt: skip
+    """Draw curves over a part of a run; ``scales`` are those of the time and of the values."""
     time = instants(part.run)
     first, last = (int(k) for k in time.searchsorted([part.low, part.high]))
     shown = slice(first, last + 1)
-    t = choose_scale("s", part.high)
+    t, y = scales
     sparse = last - first < 120
     for name, values, colour, width in curves:
         x, v = envelope(time[shown], values[shown], 300)
@@ -150,14 +154,15 @@ def _other(result: Outcome, role: str, axes: Axes) -> None:
     part = _Closeup(run, float(time[0]), float(time[-1]), role)
     curves = [("measured", measured, style.MEASURED, 2.4),
               ("simulated", simulated, style.SIMULATED, 1.0)]  # fmt: skip
-    y = scale_of([measured], run.experiment.signals[role].unit)
-    _over_time(axes, part, curves, y, spoken(role))
+    units = recorded_units(result.document)
+    y = scale_of([measured], run.experiment.signals[role].unit, units)
+    _over_time(axes, part, curves, (choose_scale("s", part.high, units), y), spoken(role))
     style.dress(axes, f"{spoken(role)} ({plain(run.experiment.name, 22)})")
 
 
-def _law(view: PhysicsView, axes: Axes) -> None:
-    x = scale_of([view.samples.x], view.x_unit)
-    y = scale_of([c.y for c in view.curves], view.y_unit)
+def _law(view: PhysicsView, units: Sequence[str], axes: Axes) -> None:
+    x = scale_of([view.samples.x], view.x_unit, units)
+    y = scale_of([c.y for c in view.curves], view.y_unit, units)
     index = np.flatnonzero(np.isfinite(view.samples.x) & np.isfinite(view.samples.y))
     index = index[subset(index.size, _MOST_POINTS)]
     axes.plot(view.samples.x[index] * x.factor, view.samples.y[index] * y.factor, linestyle="",

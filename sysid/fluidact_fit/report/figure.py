@@ -13,9 +13,11 @@ from ..families import get_family
 from ..family import StaticView
 from ..notices import is_note
 from ..outcome import Outcome, Simulation, agreement
+from ..parameter_table import recorded_units
+from ..tables import probability_text
 from . import panels
 from .details import detail_row
-from .numbers import choose_scale, count, percent, plain, short, spoken
+from .numbers import choose_scale, count, percent, plain, scale_of, scaled, spoken
 from .runs import choose, drive_role, instants
 from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, SMALL, VERDICT, legend, load_matplotlib
 
@@ -111,12 +113,11 @@ def _plain_view(result: Outcome) -> StaticView | None:
 
 def _title(figure: Figure, result: Outcome) -> None:
     fit = result.document.fit
-    rmse = choose_scale(fit.rmse.unit, fit.rmse.value)
     logs = len({e.log for e in result.experiments})
     runs = len(result.experiments)
     parts = [
         f"fit {percent(fit.fit_percent)}",
-        f"rmse {short(fit.rmse.value * rmse.factor, 3)} {rmse.unit}".rstrip(),
+        f"rmse {scaled(fit.rmse.value, fit.rmse.unit, recorded_units(result.document))}",
         f"{count(fit.samples)} samples",
         f"{logs} log{'s' * (logs > 1)}" + (f", {runs} runs" if runs > logs else ""),
     ]
@@ -165,7 +166,8 @@ def _side(figure: Figure, result: Outcome) -> Axes:
         top=_height(figure, 0.865), bottom=_height(figure, 0.085), hspace=0.2,
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(squeeze=False)
-    panels.table_panel(upper, result.parameters, result.derived)
+    units = recorded_units(result.document)
+    panels.table_panel(upper, result.parameters, result.derived, units)
     return lower
 
 
@@ -185,10 +187,10 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
         for axes in row[1:]:
             axes.sharey(row[0])
             axes.tick_params(labelleft=False)
-    units = result.experiments[0].signals
-    t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown))
-    y = panels.scale_of([r.measured for r in shown], units[output].unit)
-    e = panels.scale_of([r.residual for r in shown], units[output].unit)
+    signals, units = result.experiments[0].signals, recorded_units(result.document)
+    t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown), units)
+    y = scale_of([r.measured for r in shown], signals[output].unit, units)
+    e = scale_of([r.residual for r in shown], signals[output].unit, units)
     rmse = agreement(runs).rmse
     for column, (upper, lower, *_) in zip(columns, rows.T):
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
@@ -199,7 +201,7 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
     labels = [y.label(spoken(output)), e.label("residual")]
     if drive:
         driven = [r.experiment[drive] for r in shown if drive in r.experiment]
-        u = panels.scale_of(driven, units[drive].unit)
+        u = scale_of(driven, signals[drive].unit, units)
         for column, axes in zip(columns, rows[2]):
             panels.input_panel(axes, column, drive, t, u)
         for column, axes in zip(columns, rows[2]):
@@ -252,10 +254,11 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(sharex=True, squeeze=False)
     view = _as_recorded(view, result)
-    x = panels.scale_of([view.x], view.x_unit)
-    y = panels.scale_of([view.measured[view.used]], view.y_unit)
+    units = recorded_units(result.document)
+    x = scale_of([view.x], view.x_unit, units)
+    y = scale_of([view.measured[view.used]], view.y_unit, units)
     rest = (view.measured - view.fitted)[view.used]
-    e = panels.scale_of([rest], view.y_unit)
+    e = scale_of([rest], view.y_unit, units)
     rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
     panels.map_panel(upper, view, x, y)
     upper.set_xlabel(x.label(spoken(view.x_name)), visible=False)
@@ -269,5 +272,4 @@ def _whiteness(result: Outcome) -> str:
     w = result.document.fit.residual_whiteness
     if w is None:
         return ""
-    p = w.p_value
-    return f"test for white noise: p = {p:.2g}" if p >= 1e-4 else "test for white noise: p < 0.0001"
+    return f"test for white noise: {probability_text(w.p_value)}"

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..estimation.random_effects import Spread
 from .html import Cell, code, escape, header, pictures, section, whole_page
-from .numbers import Scale, choose_scale, count, short, with_error
+from .numbers import Scale, choose_scale, count, short, show
 from .reading import picture
 from .style import FAINT, INK, MEASURED, SIMULATED, SMALL, dress, load_matplotlib
 
@@ -160,7 +160,7 @@ def _number(q: FleetQuantity, k: int | None) -> Cell:
     if k is None:
         return ""
     value, error = (float(x[k]) * q.scale.factor for x in (q.values, q.errors))
-    return value, escape(with_error(value, error))
+    return value, escape(show(value, error))
 
 
 def _links(job: FleetJob, records: str) -> str:
@@ -210,7 +210,7 @@ def _outliers(quantities: Sequence[FleetQuantity], records: str) -> str:
     found.sort(key=lambda entry: (-entry[0], entry[1].name, entry[1].jobs[entry[2]]))
     rows = [
         [_job(q.jobs[k], records), code(q.label),
-         escape(with_error(*(float(x[k]) * q.scale.factor for x in (q.values, q.errors)))),
+         escape(show(*(float(x[k]) * q.scale.factor for x in (q.values, q.errors)))),
          escape(q.scale.unit),
          short(float(q.spread.deviation[k]), 3) if q.spread else ""]
         for _, q, k in found[:_MOST_ROWS]

@@ -12,7 +12,7 @@ from ..experiment import FloatArray
 from ..logs.log import Column
 from ..model_free import Views
 from ..specification import quotient_unit
-from .numbers import pretty_unit
+from .numbers import choose_scale, pretty_unit, scale_of, scaled
 from .runs import envelope
 from .style import (
     BAND,
@@ -82,66 +82,73 @@ def _mark(axes: Axes, channel: Channel, x: FloatArray) -> None:
         axes.axvspan(x[channel.stuck_from], x[last], color=SIMULATED, alpha=0.15, lw=0)
 
 
-def plot_views(views: Views) -> Figure:
-    """Impulse and step response, frequency response with coherence, residual against input."""
+def plot_views(views: Views, recorded: Sequence[str] = ()) -> Figure:
+    """Impulse and step response, frequency response with coherence, residual against input.
+
+    ``recorded`` are the units of the log, which are preferred.
+    """
     from matplotlib.figure import Figure
 
     with load_matplotlib().rc_context(SETTINGS):
         figure = Figure(figsize=(8.5, 8.0), layout="constrained")
         panels = figure.subplots(3, 2)
-        _responses(panels[0], views)
-        _frequencies((panels[1][0], panels[1][1], panels[2][0]), views)
-        _residual(panels[2][1], views)
+        _responses(panels[0], views, recorded)
+        _frequencies((panels[1][0], panels[1][1], panels[2][0]), views, recorded)
+        _residual(panels[2][1], views, recorded)
         kind = "the rate of " if views.response.integrates else ""
-        low, high = (f"{1e3 * d:.4g}" for d in views.response.delay)
+        low, high = (scaled(d, "s", recorded) for d in views.response.delay)
         figure.suptitle(
             f"What {views.role} does to {kind}{views.output}, without a model; dead time "
-            f"{low} to {high} ms", x=0.01, ha="left", fontsize=11, parse_math=False,
+            f"{low} to {high}", x=0.01, ha="left", fontsize=11, parse_math=False,
         )  # fmt: skip
     return figure
 
 
-def _responses(panels: Sequence[Axes], views: Views) -> None:
+def _responses(panels: Sequence[Axes], views: Views, recorded: Sequence[str]) -> None:
     unit = quotient_unit(views.unit, "s") if views.response.integrates else views.unit
     found, (total, half) = views.response, views.response.step_response
     (x, step), (impulse, summed) = (found.time, found.step), panels
-    curves = [(impulse, x, found.taps / step, found.half_width / step, 1.0 / step),
-              (summed, x + step, total, half, 0.0)]  # fmt: skip
-    for axes, at, y, width, scale in curves:
+    taps = views.model
+    curves = [
+        (impulse, "impulse response", quotient_unit(unit, "s"), x, found.taps / step,
+         found.half_width / step, None if taps is None else taps / step),
+        (summed, "step response", unit, x + step, total, half,
+         None if taps is None else np.cumsum(taps)),
+    ]  # fmt: skip
+    t = choose_scale("s", float(x[-1]), recorded)
+    for axes, name, si_unit, at, y, width, model in curves:
+        s = scale_of([y], si_unit, recorded)
+        low, high = (t.factor * end for end in found.delay)
         axes.axhline(0.0, color=FAINT, linewidth=0.7)
-        axes.axvspan(*found.delay, color=MEASURED, alpha=0.3, lw=0, label="dead time (95 %)")
-        axes.fill_between(at, y - width, y + width, color=BAND, alpha=0.45, lw=0, label="95 %")
-        axes.plot(at, y, color=INPUT, linewidth=1.4, label="recorded")
-        if views.model is not None:
-            model = views.model * scale if scale else np.cumsum(views.model)
-            axes.plot(at, model, color=SIMULATED, linewidth=1.0, label="model")
-        axes.set_xlim(0.0, float(x[-1]))
-        axes.set_xlabel("time [s]")
-    dress(impulse, _with_unit("impulse response", quotient_unit(unit, "s")))
-    dress(summed, _with_unit("step response", unit))
+        axes.axvspan(low, high, color=MEASURED, alpha=0.3, lw=0, label="dead time (95 %)")
+        axes.fill_between(t.factor * at, s.factor * (y - width), s.factor * (y + width),
+                          color=BAND, alpha=0.45, lw=0, label="95 %")  # fmt: skip
+        axes.plot(t.factor * at, s.factor * y, color=INPUT, linewidth=1.4, label="recorded")
+        if model is not None:
+            axes.plot(t.factor * at, s.factor * model, color=SIMULATED, linewidth=1.0,
+                      label="model")  # fmt: skip
+        axes.set_xlim(0.0, t.factor * float(x[-1]))
+        axes.set_xlabel(t.label("time"))
+        dress(axes, s.label(name))
     summed.legend(loc="best", fontsize=SMALL, frameon=False)
 
 
-def _with_unit(name: str, unit: str) -> str:
-    shown = pretty_unit(unit)
-    return f"{name} [{shown}]" if shown else name
-
-
-def _frequencies(panels: Sequence[Axes], views: Views) -> None:
+def _frequencies(panels: Sequence[Axes], views: Views, recorded: Sequence[str]) -> None:
     gain, phase, coherence = panels
-    dress(gain, _with_unit("gain", views.unit))
+    found, model = views.frequency, views.model_frequency
+    s = scale_of([] if found is None else [found.magnitude], views.unit, recorded)
+    dress(gain, s.label("gain"))
     dress(phase, "phase [°]")
     dress(coherence, "coherence: the input's share of the output")
     for axes in panels:
         axes.set_xlabel("frequency [Hz]")
-    found, model = views.frequency, views.model_frequency
     if found is None:
         gain.text(0.5, 0.5, "too short", transform=gain.transAxes, ha="center", color=FAINT)
         return
     sure = found.coherence >= _COHERENT
     f, half = found.frequency, 1.96 * np.minimum(found.relative, 5.0)
     for axes, y, spread in (
-        (gain, found.magnitude, found.magnitude * half),
+        (gain, s.factor * found.magnitude, s.factor * found.magnitude * half),
         (phase, np.degrees(found.phase), np.degrees(half)),
     ):
         low = np.maximum(y - spread, 1e-3 * y) if axes is gain else y - spread
@@ -150,7 +157,7 @@ def _frequencies(panels: Sequence[Axes], views: Views) -> None:
         axes.plot(f, shown, color=INPUT, linewidth=1.2, marker=".", markersize=3)
     if model is not None:
         known = np.isin(model.frequency, f[sure])
-        for axes, y in ((gain, model.magnitude), (phase, np.degrees(model.phase))):
+        for axes, y in ((gain, s.factor * model.magnitude), (phase, np.degrees(model.phase))):
             axes.plot(model.frequency[known], y[known], color=SIMULATED, linewidth=1.0)
     coherence.plot(f, found.coherence, color=INPUT, linewidth=1.0)
     coherence.axhline(_COHERENT, color=FAINT, linewidth=0.7, linestyle="--")
@@ -161,7 +168,7 @@ def _frequencies(panels: Sequence[Axes], views: Views) -> None:
         axes.set_xlim(float(f[0]), float(f[-1]))
 
 
-def _residual(axes: Axes, views: Views) -> None:
+def _residual(axes: Axes, views: Views, recorded: Sequence[str]) -> None:
     found = views.residual
     if found is None:
         dress(axes, "residual and input: no model was fitted")
@@ -169,11 +176,12 @@ def _residual(axes: Axes, views: Views) -> None:
         return
     dress(axes, "correlation of residual and input")
     axes.axhspan(-found.limit, found.limit, color=BAND, alpha=0.35, lw=0, label="chance (99 %)")
-    axes.vlines(found.lag, 0.0, found.correlation, color=INPUT, linewidth=1.4)
+    t = choose_scale("s", float(found.lag[-1]), recorded)
+    axes.vlines(t.factor * found.lag, 0.0, found.correlation, color=INPUT, linewidth=1.4)
     axes.axhline(0.0, color=FAINT, linewidth=0.7)
     most = max(1.5 * found.limit, 1.2 * float(np.abs(found.correlation).max()))
     axes.set_ylim(-most, most)
-    axes.set_xlabel("lag of the residual [s]")
+    axes.set_xlabel(t.label("lag of the residual"))
     legend(axes)
 
 

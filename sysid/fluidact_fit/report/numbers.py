@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
 
 import numpy as np
 
-from ..tables import percent_text
+from ..experiment import FloatArray
+from ..family import Quantity
+from ..parameters.document import Derived
+from ..tables import format_estimate, percent_text
 from ..units import display_unit
 
+_POWER = re.compile(r"e([+-]?\d+)")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -27,16 +32,33 @@ class Scale:
         return f"{name} [{self.unit}]" if self.unit else name
 
 
-def choose_scale(unit: str, size: float) -> Scale:
-    """Return the unit in which SI values of a typical size are read best."""
-    found = display_unit(unit, size)
+def choose_scale(unit: str, size: float, recorded: Sequence[str] = ()) -> Scale:
+    """Return the unit in which SI values of a typical size are read best.
+
+    ``recorded`` are the units of the log: see :func:`.units.display_unit`.
+    """
+    found = display_unit(unit, size, recorded)
     return Scale(found.factor, pretty_unit(found.unit))
 
 
-def scaled(value: float, unit: str, digits: int = 3) -> str:
+def scale_of(values: Sequence[FloatArray], unit: str, recorded: Sequence[str] = ()) -> Scale:
+    """Return the unit for the largest finite size among arrays."""
+    finite = (np.abs(v[np.isfinite(v)]) for v in values)
+    size = max((float(v.max(initial=0.0)) for v in finite), default=0.0)
+    return choose_scale(unit, size, recorded)
+
+
+def scaled(value: float, unit: str, recorded: Sequence[str] = (), digits: int = 3) -> str:
     """A number in SI as people say it: ``0.0000502 m`` as ``50.2 µm``."""
-    scale = choose_scale(unit, abs(value))
+    scale = choose_scale(unit, abs(value), recorded)
     return f"{short(value * scale.factor, digits)} {scale.unit}".rstrip()
+
+
+def in_scale(q: Derived | Quantity, recorded: Sequence[str]) -> tuple[Any, Any, Scale]:
+    """Return value and standard error in the unit in which they are read best, and that unit."""
+    scale = choose_scale(q.unit, float(np.abs(q.value).max(initial=0.0)), recorded)
+    error = None if q.std_error is None else (scale.factor * np.array(q.std_error)).tolist()
+    return (scale.factor * np.array(q.value, dtype=float)).tolist(), error, scale
 
 
 def pretty_unit(unit: str) -> str:
@@ -56,23 +78,8 @@ def short(value: float, digits: int = 4) -> str:
         return "0"
     exponent = floor(log10(abs(value)))
     if -3 <= exponent < 6:
-        return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
-    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-    return _minus(f"{mantissa}×10{str(int(power)).translate(_SUPERSCRIPT)}")
-
-
-def with_error(value: float, error: float | None) -> str:
-    """A value with its standard error, both to the digit the error allows."""
-    if error is None or not isfinite(error) or error <= 0.0:
-        return short(value)
-    size = max(abs(value), error)
-    exponent = floor(log10(size))
-    power = exponent if not -2 <= exponent < 6 else 0
-    decimals = min(max(1 - floor(log10(error / 10.0**power)), 0), 12)
-    text = f"{value / 10.0**power:.{decimals}f} ± {error / 10.0**power:.{decimals}f}"
-    if power:
-        text = f"({text})×10{str(power).translate(_SUPERSCRIPT)}"
-    return _minus(text)
+        return in_print(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+    return in_print(f"{value:.{digits - 1}e}")
 
 
 def show(value: Any, error: Any = None) -> str:
@@ -83,7 +90,7 @@ def show(value: Any, error: Any = None) -> str:
             return " … ".join(short(v) for v in flat)
         size = f"{len(value)} × {len(value[0])}" if isinstance(value[0], list) else str(len(flat))
         return f"{size} values, {short(min(flat), 3)} … {short(max(flat), 3)}"
-    return with_error(float(value), error if isinstance(error, int | float) else None)
+    return in_print(format_estimate(float(value), error))
 
 
 def flatten(value: Any) -> list[float]:
@@ -95,12 +102,7 @@ def percent(value: float | None) -> str:
     """An agreement in percent; one short of 100 is never rounded to it."""
     if value is None:
         return "–"
-    decimals = 2
-    if value < 0.0:
-        return _minus(percent_text(value))
-    while decimals < 8 and value < 100.0 <= round(value, decimals):
-        decimals += 1
-    return _minus(f"{value:.{decimals}f}") + " %"
+    return in_print(percent_text(value))
 
 
 def count(number: int) -> str:
@@ -123,5 +125,7 @@ def plain(text: str, longest: int = 60) -> str:
     return f"{kept[:head]}…{kept[-(longest - 1 - head) :]}"
 
 
-def _minus(text: str) -> str:
-    return text.replace("-", "−")
+def in_print(text: str) -> str:
+    """Numbers with the sign and the powers of print: ``-1.5e-06`` as ``−1.5×10⁻⁶``."""
+    raised = _POWER.sub(lambda m: "×10" + str(int(m[1])).translate(_SUPERSCRIPT), text)
+    return raised.replace("-", "−")

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..comparison import Comparison
 from ..errors import UsageError
 from ..families import get_family
 from ..notices import is_note
 from ..outcome import Outcome
+from ..parameter_table import recorded_units
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
 from ..parameters.document import Derived
+from ..tables import format_interval, probability_text
 from .compared import plot_comparison
 from .equation import typeset
 from .figure import plot_result, plot_validation
@@ -31,8 +31,20 @@ from .html import (
     table,
     whole_page,
 )
-from .numbers import choose_scale, count, flatten, percent, pretty_unit, scaled, short, show
+from .numbers import (
+    choose_scale,
+    count,
+    flatten,
+    in_print,
+    in_scale,
+    percent,
+    pretty_unit,
+    scaled,
+    short,
+    show,
+)
 from .reading import picture
+from .responses import responses_picture
 from .words import describe_fit, describe_validation
 
 _MOST_CORRELATED = 24
@@ -92,6 +104,8 @@ def result_page(result: Outcome) -> str:
     """The page of a fit, pictures included."""
     title = "The model against the data it was fitted to"
     shown = [picture(plot_result(result), title, describe_fit(result))]
+    if (responses := responses_picture(result)) is not None:
+        shown.append(responses)
     judged = plot_validation(result)
     if judged is not None:
         title = "The model against logs that were not fitted"
@@ -117,26 +131,16 @@ def document_page(
 
 def _beside(comparison: Comparison) -> str:
     """Other files beside the first: a table, what it says, and a picture of the differences."""
-    first, *others = comparison.files
-    heads = ["name", "unit", first]
-    for name in others:
-        heads += [name, "differs by"]
-    rows = []
-    for p in comparison.parameters:
-        row = [code(p.name), escape(pretty_unit(p.unit))]
-        columns = zip(p.values, p.std_errors, p.statuses, p.deviations)
-        for k, (value, error, status, z) in enumerate(columns):
-            text = (status or "-").replace("_", " ")
-            if value is not None and status != "not_identified":
-                text = show(value, error)
-            row.append(escape(text))
-            row += [("" if z is None else f"{z:+.1f}".replace("-", "−"))] if k else []
-        rows.append(row)
-    said = "<li>Differences are in standard errors of the difference.</li>"
-    said += "".join(f"<li>{escape(t.words)}</li>" for t in comparison.together)
+    found = comparison.table()
+    rows = [
+        [code(name), escape(pretty_unit(unit)), *(escape(in_print(cell)) for cell in cells)]
+        for name, unit, *cells in found.rows
+    ]
+    said = "".join(f"<li>{escape(text)}</li>" for text in comparison.conclusions)
     figure, title = plot_comparison(comparison), "Differences, and their 95 % intervals"
     shown = [] if figure is None else [picture(figure, title, _compared(comparison))]
-    numbers = section("Comparison with other files", heads, rows, numeric=range(2, len(heads)))
+    heads, numeric = found.head, range(2, len(found.head))
+    numbers = section("Comparison with other files", heads, rows, numeric=numeric)
     return f"{numbers}<ul>{said}</ul>{pictures(shown)}"
 
 
@@ -157,7 +161,7 @@ def _header(document: ParameterDocument) -> str:
     fit, logs = document.fit, len(document.provenance.logs)
     facts = [
         f"fit {percent(fit.fit_percent)}",
-        f"rmse {scaled(fit.rmse.value, fit.rmse.unit)}",
+        f"rmse {scaled(fit.rmse.value, fit.rmse.unit, recorded_units(document))}",
         f"{count(fit.samples)} samples",
         f"{logs} log{'s' * (logs != 1)}",
     ]
@@ -192,51 +196,49 @@ def _equation(document: ParameterDocument) -> str:
 
 def _parameters(document: ParameterDocument) -> str:
     specs = {p.name: p for p in get_family(document.family).variant(document.variant).parameters}
-    rows = []
+    rows, units = [], recorded_units(document)
     for name, q in document.parameters.items():
         shown, text = escape(q.status.replace("_", " ")), escape(specs[name].description)
         if q.status == "not_identified":
             shown = f'<span class="bad">{shown}</span>'
             remedy = escape(specs[name].remedy)
             text += f'<br><span class="faint">{remedy}</span>' if remedy else ""
-        rows.append([*_quantity(name, q), shown, text])
+        rows.append([*_quantity(name, q, units), shown, text])
     heads = (*_QUANTITY, "status", "meaning")
     return section("Parameters", heads, rows, numeric=(1, 3), kind="explained")
 
 
 def _derived(document: ParameterDocument) -> str:
-    rows = [_quantity(name, q) for name, q in document.derived.items()]
+    units = recorded_units(document)
+    rows = [_quantity(name, q, units) for name, q in document.derived.items()]
     return section("Derived from the parameters", _QUANTITY, rows, numeric=(1, 3))
 
 
-def _quantity(name: str, q: Derived) -> list[str]:
-    """Name, value with its error, also in the unit that people use, unit and interval."""
-    listed, interval = isinstance(q.value, list), ""
-    value = _list_table(q) if listed else escape(show(q.value, q.std_error)) + _also(q)
-    if q.ci95 is not None and not listed:
-        low, high = flatten(q.ci95)
-        interval = f"{short(low, 5)} … {short(high, 5)}"
-    return [code(name), value, escape(pretty_unit(q.unit)), interval]
+def _quantity(name: str, q: Derived, units: Sequence[str]) -> list[str]:
+    """Name, value with its error in a unit of the log and in SI, unit and interval."""
+    value, error, scale = in_scale(q, units)
+    interval = ""
+    if isinstance(value, list):
+        text = _list_table(value, error)
+    else:
+        text = escape(show(value, error))
+        if scale.factor != 1.0 and value:
+            in_si = f"{show(q.value, q.std_error)} {pretty_unit(q.unit)}"
+            text += f'<br><span class="faint">{escape(in_si)}</span>'
+        if q.ci95 is not None:
+            ends = [scale.factor * end for end in flatten(q.ci95)]
+            interval = in_print(format_interval(ends, error))
+    return [code(name), text, escape(scale.unit), escape(interval)]
 
 
-def _also(q: Derived) -> str:
-    """A number in the unit that people use, where that is another one."""
-    scale = choose_scale(q.unit, float(np.max(np.abs(q.value))))
-    if scale.factor == 1.0 or not np.any(q.value):
-        return ""
-    value, error = (None if x is None else float(np.ravel(x)[0]) * scale.factor
-                    for x in (q.value, q.std_error))  # fmt: skip
-    return f'<br><span class="faint">{escape(f"{show(value, error)} {scale.unit}")}</span>'
-
-
-def _list_table(q: Derived) -> str:
+def _list_table(value: list[Any], error: list[Any] | None) -> str:
     """All entries of a list, folded away when there are many."""
-    values = flatten(q.value)
-    errors = [None] * len(values) if q.std_error is None else flatten(q.std_error)
+    values = flatten(value)
+    errors = [None] * len(values) if error is None else flatten(error)
     rows = "<br>".join(escape(show(v, e)) for v, e in zip(values, errors))
     if len(values) <= 8:
         return rows
-    return f"<details><summary>{escape(show(q.value))}</summary>{rows}</details>"
+    return f"<details><summary>{escape(show(value))}</summary>{rows}</details>"
 
 
 def _comparisons(document: ParameterDocument) -> str:
@@ -257,7 +259,8 @@ def _cell(value: Any) -> str:
 def _logs(document: ParameterDocument) -> str:
     kinds = (("fitted", document.fit.logs), ("judged", document.validation))
     sizes = [e.rmse.value for _, entries in kinds for e in entries if e.rmse]
-    scale = choose_scale(document.fit.rmse.unit, max(sizes, default=0.0))
+    units = recorded_units(document)
+    scale = choose_scale(document.fit.rmse.unit, max(sizes, default=0.0), units)
     rows = [
         [escape(e.file), kind, "" if e.samples is None else count(e.samples),
          escape(f"{short(e.rmse.value * scale.factor, 3)} {scale.unit}") if e.rmse else "",
@@ -277,21 +280,20 @@ def _whiteness(document: ParameterDocument) -> str:
     w = document.fit.residual_whiteness
     if w is None:
         return ""
-    p = w.p_value
-    value = f"= {p:.2g}" if p >= 1e-4 else "&lt; 0.0001"
-    if p >= 0.01:
-        return f'<p class="faint">Residuals are white (p {value}).</p>'
+    text = escape(probability_text(w.p_value))
+    if w.p_value >= 0.01:
+        return f'<p class="faint">Residuals are white ({text}).</p>'
     return (
-        f'<p class="faint">Residuals are autocorrelated (p {value}): by noise that lasts, which '
-        "the intervals allow for, or by something that the model lacks. Where that would move a "
-        "parameter beyond its interval, a warning names it.</p>"
+        f'<p class="faint">Residuals are not random from sample to sample ({text}): the noise '
+        "lasts longer than a sample, which the intervals allow for, or the model lacks something. "
+        "Where that would move a parameter beyond its interval, a warning names it.</p>"
     )
 
 
 def _validity(document: ParameterDocument) -> str:
     rows = []
     for role, r in document.validity.items():
-        scale = choose_scale(r.unit, max(abs(r.low), abs(r.high)))
+        scale = choose_scale(r.unit, max(abs(r.low), abs(r.high)), recorded_units(document))
         low, high = (short(end * scale.factor, 5) for end in (r.low, r.high))
         rows.append([code(role), low, high, escape(scale.unit)])
     title = "Range of the data: outside it the model extrapolates"

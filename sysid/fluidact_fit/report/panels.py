@@ -12,7 +12,7 @@ from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
 from ..outcome import Simulation
 from . import style
-from .numbers import Scale, choose_scale, count, plain, pretty_unit, show, spoken
+from .numbers import Scale, count, in_scale, plain, show, spoken
 from .runs import envelope, instants, subset
 
 if TYPE_CHECKING:
@@ -232,13 +232,16 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
 
 
 def table_panel(
-    axes: Axes, parameters: Mapping[str, Quantity], derived: Mapping[str, Quantity]
+    axes: Axes,
+    parameters: Mapping[str, Quantity],
+    derived: Mapping[str, Quantity],
+    recorded: Sequence[str],
 ) -> None:
-    """Parameters with standard errors as text; what was not estimated says so."""
+    """Parameters with standard errors as text, in units of the log; the status if unusual."""
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
-    rows = [("Parameters", "value ± standard error", "", style.INK), *_rows(parameters)]
-    extra = _rows(derived)
+    rows = [("Parameters", "value ± standard error", "", style.INK), *_rows(parameters, recorded)]
+    extra = _rows(derived, recorded)
     if extra and len(rows) + len(extra) < _MOST_ROWS:
         rows += [("", "", "", style.INK), ("Derived", "", "", style.INK), *extra]
     if len(rows) > _MOST_ROWS:
@@ -256,19 +259,16 @@ def table_panel(
                   color=style.FAINT if title else colour, parse_math=False)  # fmt: skip
 
 
-def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]:
+def _rows(
+    quantities: Mapping[str, Quantity], recorded: Sequence[str]
+) -> list[tuple[str, str, str, str]]:
     said = {
         "not_identified": ("not identified", style.VERDICT["fail"]),
         "fixed": ("fixed", style.FAINT),
     }
-    return [
-        (name, f"{show(q.value, q.std_error)} {pretty_unit(q.unit)}".rstrip(),
-         *said.get(q.status, ("", style.INK)))
-        for name, q in quantities.items()
-    ]  # fmt: skip
-
-
-def scale_of(values: Sequence[FloatArray], unit: str) -> Scale:
-    """Engineering unit for the largest finite size among arrays."""
-    finite = (np.abs(v[np.isfinite(v)]) for v in values)
-    return choose_scale(unit, max((float(v.max(initial=0.0)) for v in finite), default=0.0))
+    rows = []
+    for name, q in quantities.items():
+        value, error, scale = in_scale(q, recorded)
+        text = f"{show(value, error)} {scale.unit}".rstrip()
+        rows.append((name, text, *said.get(q.status, ("", style.INK))))
+    return rows

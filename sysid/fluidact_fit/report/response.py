@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..block import Port
 from ..experiment import FloatArray
-from .panels import scale_of
+from .numbers import scale_of
 from .style import (
     BAND,
     FAINT,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..outcome import Outcome, Simulation, agreement
+from ..parameter_table import recorded_units
 from .details import physics_view
 from .figure import static_view
 from .numbers import choose_scale, count, percent, scaled, short
@@ -18,13 +19,13 @@ _WHITE = 0.01  # p value from which residuals count as white, as on the page
 def describe_fit(result: Outcome) -> str:
     """The picture of a fit in words."""
     fit, view = result.document.fit, static_view(result)
-    used = f"{count(fit.samples)} samples"
+    used, units = f"{count(fit.samples)} samples", recorded_units(result.document)
     if view is None:
         law = physics_view(result)
         beneath = "Beneath: close-ups of the largest residual and of the sharpest edge"
         parts = [_over_time(result.fitted, result), beneath + (f"; {law.title}." if law else ".")]
     else:
-        x, y = (choose_scale(u, float(np.abs(v[view.used]).max(initial=0.0)))
+        x, y = (choose_scale(u, float(np.abs(v[view.used]).max(initial=0.0)), units)
                 for u, v in ((view.x_unit, view.x), (view.y_unit, view.measured)))  # fmt: skip
         ranges = (f"{short(v[view.used].min() * s.factor, 3)} to "
                   f"{short(v[view.used].max() * s.factor, 3)} {s.unit}".rstrip()
@@ -35,7 +36,7 @@ def describe_fit(result: Outcome) -> str:
                  "Below, the residuals over the same axis and their distribution."]  # fmt: skip
     parts += [
         f"Fit {percent(fit.fit_percent)} over {used}, "
-        f"rmse {scaled(fit.rmse.value, fit.rmse.unit)}.",
+        f"rmse {scaled(fit.rmse.value, fit.rmse.unit, units)}.",
         _whiteness(result),
         f"Verdict {result.verdict.upper()}.",
     ]
@@ -56,6 +57,7 @@ def _over_time(runs: Sequence[Simulation], result: Outcome) -> str:
     """Describe the signals over time, the agreement of every run, and the worst residual."""
     shown, output = choose(runs).runs, result.variant.output
     drive = drive_role(result.variant)
+    recorded = recorded_units(result.document)
     unit = shown[0].experiment.signals[output.name].unit if shown else output.unit
     below = ", the residuals" + (f" and {drive}" if drive else "")
     out = (
@@ -65,7 +67,7 @@ def _over_time(runs: Sequence[Simulation], result: Outcome) -> str:
     if len(shown) <= 3:
         out += "".join(
             f" {r.experiment.name}: fit {percent(r.agreement.fit_percent)}, largest residual "
-            f"{scaled(worst_residual(r)[0], unit)}." for r in shown
+            f"{scaled(worst_residual(r)[0], unit, recorded)}." for r in shown
         )  # fmt: skip
     return out
 

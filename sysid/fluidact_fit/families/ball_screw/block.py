@@ -147,7 +147,7 @@ class DriveBlock(DryDriveBlock):
         share = min(abs(velocity) / band, 1.0) if band > 0.0 else 1.0
         return self.inertia * acceleration + viscous * velocity + level * share
 
-    def simulate(
+    def simulate_samples(
         self,
         values: npt.ArrayLike,
         time: npt.ArrayLike | None = None,

@@ -201,7 +201,7 @@ class TransferBlock(LinearBlock):
             state[last] = num[last + 1] * u - den[last + 1] * y
         return y + self._start
 
-    def simulate(
+    def simulate_samples(
         self,
         values: npt.ArrayLike,
         time: npt.ArrayLike | None = None,
