@@ -96,6 +96,21 @@ def test_without_header_the_leader_drives(here: Run, inside: Path) -> None:
     assert any("line" in c and "inlet=#3" in c for c in commands)
 
 
+def test_columns_that_nothing_names_are_listed_with_a_command_to_complete(
+    here: Run, inside: Path
+) -> None:
+    rng = np.random.default_rng(3)
+    log = table(inside / "bare.csv", [0.02 * np.arange(500), *rng.standard_normal((3, 500))])
+    out = here("inspect", log, "--no-trial").out
+    assert "Neither names nor units tell what #2, #3 and #4 are." in out
+    assert "candidates for every role: #2, #3, #4" in out
+    assert "force + position" in out
+    assert "--column 'command=#N'" in out.splitlines()[-1]
+    done = here("fit", log)
+    assert done.status == 2
+    assert "Neither names nor units tell what #2, #3 and #4 are." in done.err
+
+
 def test_a_role_that_is_missing_is_named_with_the_option_that_gives_it(
     here: Run, inside: Path
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -15,12 +14,13 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
-from ..channel_lines import echo_channels, echo_relations, text_width, troubles
+from ..advice_lines import echo_advice
+from ..channel_lines import echo_channels, echo_relations, troubles
 from ..errors import Invocation
 from ..messages import echo_notices
 from ..outputs import check_targets, write_all
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, echo_text
+from ..show import echo, echo_json, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -34,7 +34,6 @@ _NO_FIT = {
 }  # fmt: skip
 _LISTED = 8  # lines that were left out, one by one
 _RELATED = 8  # columns of which each two are compared
-_BESIDE = 45  # characters of a table before its last column
 
 
 @click.command(
@@ -102,7 +101,7 @@ def command(
         listed = {"suggestions": [s.as_dict() for s in advice]}
         echo_json({**every[0], **listed} if len(every) == 1 else {"logs": every, **listed})
     elif shown:
-        show_advice(advice)
+        echo_advice(advice)
     if plot is not None:
         pictures = _pictures(read, advice, plot)
         write_all(pictures, force)
@@ -155,51 +154,6 @@ def _description(log: Log, family: str | None) -> dict[str, Any]:
     signals = [c for c in log.columns if c.index != at and not c.part_of]
     found["relations"] = [asdict(r) for r in relate(signals[:_RELATED])]
     return found
-
-
-def show_advice(advice: Sequence[Suggestion]) -> None:
-    """Say which families fit, what they do not determine, and what to run."""
-    echo()
-    if not advice:
-        echo_text(
-            "No family has all that it needs among these columns, by their units and names. Say "
-            "what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles).",
-            "",
-        )
-        return
-    _show_families(advice)
-    best = advice[0]
-    for name, message in best.not_identified.items():
-        echo_text(f"not determined: {message or name}")
-    if best.reason:
-        echo_text(f"{best.family}: {best.reason}")
-    for one, other in best.unsure:
-        echo_text(f"{one} and {other} could be exchanged: check which column is which")
-    for one, other in best.against:
-        echo_text(f"{other} moves against {one}: if a sign is reversed, add --scale {one}=-1 "
-                  f"or --scale {other}=-1")  # fmt: skip
-    if best.asked:
-        echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
-    echo("next:" if not best.guessed or len(advice) == 1 else "next, one of:")
-    for s in advice if best.guessed else advice[:1]:
-        echo(f"  {s.powershell if os.name == 'nt' else s.command}")
-
-
-def _show_families(advice: Sequence[Suggestion]) -> None:
-    """A table of the families; their columns below them where the terminal is narrow."""
-    from fluidact_fit.tables import percent_text
-
-    rows = [
-        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
-         " ".join(f"{role}={at}" for role, at in s.columns.items())]
-        for s in advice
-    ]  # fmt: skip
-    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
-        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
-        return
-    for family, verdict, percent, columns in rows:
-        echo(f"{family:<19} {verdict:<9} {percent:>9}")
-        echo_text(columns, "    ", "    ")
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
