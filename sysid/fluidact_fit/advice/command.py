@@ -9,7 +9,7 @@ from dataclasses import replace
 from ..errors import LogError
 from ..files import powershell_command, shell_command
 from ..logs import Log
-from ..logs.columns import default_column
+from ..logs.columns import default_column, reference_of
 from .suggestion import Suggestion
 from .trial import bound_log
 
@@ -34,9 +34,7 @@ def column_options(s: Suggestion, log: Log) -> list[str]:
         except LogError:
             known = None
         if known is not column:
-            header = column.header.strip()
-            plain = header and sum(c.header.strip() == header for c in log.columns) == 1
-            out += ["--column", f"{role}={header if plain else at}"]
+            out += ["--column", f"{role}={reference_of(log, column)}"]
     return out
 
 

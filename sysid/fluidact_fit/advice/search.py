@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ..families import family_names
-from ..logs import Log
+from ..logs import Log, selected_part
 from ..logs.columns import time_candidate
 from .assignment import best_variant, varies
 from .command import given_options, with_command
@@ -47,7 +47,7 @@ def suggest(
     log, names = logs[0], [only] if only else family_names()
     typed = [*paths, *given_options(log)] if words is None else list(words)
     time = time_candidate(log)
-    signals = [c for c in log.columns
+    signals = [c for c in selected_part(log).columns
                if (time is None or c.index != time.column.index) and varies(c)]  # fmt: skip
     timed = time is not None or log.sample_time is not None
     found = [s for name in names for s in best_variant(name, log, signals, timed)]
