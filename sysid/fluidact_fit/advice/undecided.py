@@ -8,15 +8,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ..assessment import leads
-from ..channels import factor_between, relate
+from ..channels import factor_between
 from ..families import get_family
 from ..logs import Log
 from ..logs.log import Column, name_columns
 from ..specification import Role, Variant
-from .assignment import MEASURED, roles_of_others, score_of, words_of
+from .assignment import MEASURED, UNKNOWN, roles_of_others, score_of, words_of
 from .suggestion import Suggestion
 
-_COMPARED = 8  # columns of which each two are compared
 _CLEARLY = 0.75  # of the score, by which a column suits a role better than the others do
 
 
@@ -55,25 +54,14 @@ def lacking_one(
 def assigned_by_order(
     names: Sequence[str], log: Log, signals: Sequence[Column], timed: bool
 ) -> Iterator[Suggestion]:
-    """Yield families of two plain numbers, where nothing tells what they are: the leader drives.
-
-    Of more than two columns, two are taken where they are the only ones that move with each other
-    and one of them leads.
-    """
-    signals = _without_copies(signals)
+    """Yield families of two plain numbers, where nothing tells what they are: the leader drives."""
+    pair = _without_copies(signals)
     named = {*log.bindings, *log.units, *log.scales, *log.holds} - {"time"}
-    if named or any(c.unit or words_of(c) for c in signals):
-        return
-    pair = _related_pair(signals)
-    if pair is None:
+    if len(pair) != 2 or named or any(c.unit or words_of(c) for c in pair):
         return
     first = leads(pair[0].values, pair[1].values)
-    if first is None and len(signals) > 2:
-        return
-    pair = pair if first is not False else (pair[1], pair[0])
+    pair = pair if first is not False else pair[::-1]
     basis = "Neither names nor units tell what the columns are"
-    if len(signals) > 2:
-        basis += f"; no others than {name_columns(pair)} move with each other"
     basis += "" if first is None else f"; #{pair[0].index} leads #{pair[1].index} and may drive it"
     for name in names:
         for variant in get_family(name).variants[:1]:
@@ -87,17 +75,6 @@ def assigned_by_order(
                 unsure=((required[0].name, required[1].name),) if first is None else (),
                 asked=("--sample-time SECONDS",) if needs_time and not timed else (),
             )  # fmt: skip
-
-
-def _related_pair(signals: Sequence[Column]) -> tuple[Column, Column] | None:
-    """Return the only two columns, or the only two that move with each other."""
-    if len(signals) == 2:
-        return signals[0], signals[1]
-    related = relate(signals[:_COMPARED])
-    if len(related) != 1 or len(signals) > _COMPARED:
-        return None
-    first, second = (c for c in signals if c.index in (related[0].first, related[0].second))
-    return first, second
 
 
 def with_open_roles(
@@ -130,7 +107,7 @@ def _with_candidates(
     if roles_of_others(log, variant) or len(signals) < len(required):
         return None
     scores = np.array([[score_of(log, r, c) for c in signals] for r in required])
-    told = np.array([bool(c.unit or words_of(c)) for c in signals])
+    nameless = np.array([[MEASURED if r.unit == "1" else UNKNOWN] for r in required])
     suits = (scores > 0.0) & (scores > scores.max(axis=1, keepdims=True) - _CLEARLY)
     rows, chosen = linear_sum_assignment(suits, maximize=True)
     if not suits[rows, chosen].all():
@@ -146,7 +123,7 @@ def _with_candidates(
     return Suggestion(
         family, variant.name,
         {r: f"#{found[0].index}" for r, found in by_role.items() if len(found) == 1},
-        float(scores[:, told].max(axis=1, initial=0.0).mean()),
+        float(np.maximum(scores - nameless, 0.0).max(axis=1).mean()),
         asked=tuple(asked), basis=_basis(by_role),
         candidates={r.name: tuple(f"#{c.index}" for c in by_role[r.name]) for r in open_roles},
     )  # fmt: skip
