@@ -180,8 +180,8 @@ def test_columns_without_names_and_units_are_listed_as_candidates(tmp_path: Path
 def test_a_unit_that_is_known_leaves_the_other_columns(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     columns = [0.01 * np.arange(600), *rng.normal(size=(3, 600))]
-    (first, *_) = suggestions_for(tmp_path, columns, "time [s],a [N],b,c")
-    assert first.columns["force"] == "#2"
+    (first, *_) = suggestions_for(tmp_path, columns, "time [s],a [m/s],b,c")
+    assert (first.family, first.columns["velocity"]) == ("cylinder-friction", "#2")
     assert set(first.candidates.values()) == {("#3", "#4")}
 
 
