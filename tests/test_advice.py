@@ -11,7 +11,7 @@ import pytest
 from studies.advice import suggest_for
 
 import fluidact_fit as ff
-from fluidact_fit.advice import is_clear, suggest
+from fluidact_fit.advice import Suggestion, is_clear, suggest
 from fluidact_fit.assessment import leads
 from fluidact_fit_cli.main import run
 
@@ -136,6 +136,72 @@ def test_a_column_called_torque_commands_nothing(tmp_path: Path) -> None:
                header="time [s],Torque actual value [%],Velocity actual value [rpm]")  # fmt: skip
     found = suggest([ff.read_log(path)], ["drive.csv"], trial=False)
     assert "hydraulic-motor" not in {s.family for s in found}
+
+
+def suggestions_for(
+    tmp_path: Path, columns: list[np.ndarray], header: str = ""
+) -> list[Suggestion]:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", comments="", header=header)
+    return suggest([ff.read_log(path)], ["log.csv"], trial=False)
+
+
+def test_torque_in_percent_asks_for_the_rated_torque(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the recorder of an EPOS controller writes it."""
+    rng = np.random.default_rng(1)
+    speed = np.repeat(rng.uniform(-50.0, 50.0, 12), 50)
+    columns = [0.01 * np.arange(600), speed, 10.0 * np.sign(speed) + rng.normal(size=600)]
+    (found,) = suggestions_for(
+        tmp_path, columns, "time [s],Velocity actual [rpm],Torque actual [%]"
+    )
+    assert (found.family, dict(found.columns)) == (
+        "cylinder-friction", {"torque": "#3", "angular_velocity": "#2"}
+    )  # fmt: skip
+    assert found.asked == ("--unit 'torque=% of RATED N m'",)
+    assert "--unit 'torque=% of RATED N m'" in found.command
+    monkeypatch.chdir(tmp_path)
+    assert run([*shlex.split(found.command.replace("RATED", "0.00984"))[1:], "-q"]) == 0
+
+
+def test_columns_without_names_and_units_are_listed_as_candidates(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    columns = [0.01 * np.arange(600), *rng.normal(size=(3, 600))]
+    found = suggestions_for(tmp_path, columns)
+    friction = next(s for s in found if s.family == "cylinder-friction")
+    assert friction.candidates == {"force": ("#2", "#3", "#4"), "position": ("#2", "#3", "#4")}
+    assert friction.basis == "Neither names nor units tell what #2, #3 and #4 are."
+    assert "--column force=#N" in friction.command.replace("'", "")
+    assert "--unit force=UNIT" in friction.command
+    assert not is_clear(found)
+
+
+def test_a_unit_that_is_known_leaves_the_other_columns(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    columns = [0.01 * np.arange(600), *rng.normal(size=(3, 600))]
+    (first, *_) = suggestions_for(tmp_path, columns, "time [s],a [m/s],b,c")
+    assert (first.family, first.columns["velocity"]) == ("cylinder-friction", "#2")
+    assert set(first.candidates.values()) == {("#3", "#4")}
+
+
+def test_trial_fits_order_the_families_of_two_plain_numbers(tmp_path: Path) -> None:
+    """A staircase behind a dead zone: a motor, and no linear valve."""
+    rng = np.random.default_rng(1)
+    stairs = np.repeat(np.r_[np.arange(12.0), 12.0 - np.arange(12.0)], 50)
+    steady = np.maximum(stairs - 3.0, 0.0) * 0.5
+    speed = np.empty(stairs.size)
+    speed[0] = steady[0]
+    for k in range(1, stairs.size):
+        speed[k] = speed[k - 1] + (1.0 - np.exp(-0.02 / 0.07)) * (steady[k - 1] - speed[k - 1])
+    table = np.column_stack([0.02 * np.arange(stairs.size), stairs, speed])
+    table[:, 2] += 0.005 * rng.standard_normal(stairs.size)
+    path = tmp_path / "motor.csv"
+    np.savetxt(path, table, delimiter=",", fmt="%.5f")
+    found = suggest([ff.read_log(path)], ["motor.csv"])
+    assert found[0].family == "hydraulic-motor"
+    assert found[0].verdict in ("pass", "warn")
+    assert not is_clear(found)
 
 
 @pytest.mark.parametrize("names", ["Druck A,Druck B", "Kammer 1,Kammer 2", "p_A,p_B"])

@@ -590,3 +590,14 @@ def test_values_are_shown_in_a_unit_that_suits_them(
 ) -> None:
     found = display_unit(si_unit, size, recorded)
     assert f"{size * found.factor:.5g} {found.unit}" == shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "si_unit", "meant"),
+    [("bra", "Pa", "bar"), ("rmp", "rad/s", "rpm"), ("kNn", "N", "kN")],
+)
+def test_a_misspelt_unit_is_answered_with_the_one_of_that_quantity(
+    unit: str, si_unit: str, meant: str
+) -> None:
+    with pytest.raises(UnitError, match=f"Did you mean '{meant}'"):
+        units.conversion_factor(unit, si_unit)

@@ -50,7 +50,11 @@ def echo_channels(columns: Sequence[Mapping[str, Any]], roles: Mapping[int, str]
         found = column["channel"]
         if found is None:
             echo_text(f"{label}: fewer than two numbers")
-        elif len(columns) > _MANY:
+            continue
+        if len(label) > _LABEL:
+            echo_text(label)
+            label = ""
+        if len(columns) > _MANY:
             curve = sparkline(found["curve"], min(_SHORT, text_width() - _LABEL - 1))
             echo(f"{label:{_LABEL}} {curve}")
             echo_text("; ".join([_range(column), *troubles(column)]), "    ", "    ")
@@ -60,12 +64,13 @@ def echo_channels(columns: Sequence[Mapping[str, Any]], roles: Mapping[int, str]
 
 
 def _label(column: Mapping[str, Any], roles: Mapping[int, str]) -> str:
-    name = column["name"] or ""
+    """Return number, name, unit and role of a column; the name is one that ``--column`` takes."""
+    number, unit = f"#{column['number']}", column["unit"] or ""
+    name = "" if column["reference"] == number else column["reference"]
     role = roles.get(column["number"], "")
-    parts = [f"#{column['number']}", name, f"[{column['unit']}]" if column["unit"] else "",
-             f"({role})" if role and role != name else ""]  # fmt: skip
-    text = " ".join(p for p in parts if p)
-    return text if len(text) <= _LABEL else text[: _LABEL - 1] + ("…" if _encodes("…") else "~")
+    parts = [number, name, f"[{unit}]" if unit and not name.endswith((f"[{unit}]", f"({unit})"))
+             else "", f"({role})" if role and role != name else ""]  # fmt: skip
+    return " ".join(part for part in parts if part)
 
 
 def _range(column: Mapping[str, Any]) -> str:

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .families import family_names, get_family
     from .family_fits import *  # noqa: F403
     from .fitting import fit
+    from .inspection import Inspection, inspect
     from .logs import Log, StepInput, read_log
     from .result import FitResult
 
@@ -57,6 +58,7 @@ _NAMES = {
     "export": ("export",),
     "families": ("family_names", "get_family"),
     "fitting": ("fit",),
+    "inspection": ("Inspection", "inspect"),
     "logs": ("Log", "StepInput", "read_log"),
     "result": ("FitResult",),
 }  # fmt: skip
@@ -64,10 +66,10 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FitResult", "FluidactError",
-    "JobsFileError", "Log", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
-    "OutputError", "ParameterFileError", "SchedulerError", "StepInput", "StrictError", "UnitError",
-    "UsageError", "__version__", "check", "compare", "export", "family_names", "fit", "get_family",
-    "load", "read_document", "read_log",
+    "Inspection", "JobsFileError", "Log", "LogError", "MismatchError", "NotIdentifiedError",
+    "Notice", "OutputError", "ParameterFileError", "SchedulerError", "StepInput", "StrictError",
+    "UnitError", "UsageError", "__version__", "check", "compare", "export", "family_names", "fit",
+    "get_family", "inspect", "load", "read_document", "read_log",
 ]  # fmt: skip
 
 

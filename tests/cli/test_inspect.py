@@ -96,6 +96,21 @@ def test_without_header_the_leader_drives(here: Run, inside: Path) -> None:
     assert any("line" in c and "inlet=#3" in c for c in commands)
 
 
+def test_columns_that_nothing_names_are_listed_with_a_command_to_complete(
+    here: Run, inside: Path
+) -> None:
+    rng = np.random.default_rng(3)
+    log = table(inside / "bare.csv", [0.02 * np.arange(500), *rng.standard_normal((3, 500))])
+    out = here("inspect", log, "--no-trial").out
+    assert "Neither names nor units tell what #2, #3 and #4 are." in out
+    assert "candidates for every role: #2, #3, #4" in out
+    assert "force + position" in out
+    assert "--column 'command=#N'" in out.splitlines()[-1]
+    done = here("fit", log)
+    assert done.status == 2
+    assert "Neither names nor units tell what #2, #3 and #4 are." in done.err
+
+
 def test_a_role_that_is_missing_is_named_with_the_option_that_gives_it(
     here: Run, inside: Path
 ) -> None:
@@ -106,6 +121,44 @@ def test_a_role_that_is_missing_is_named_with_the_option_that_gives_it(
     done = here("inspect", log, "--no-trial")
     assert "--set position=VALUE" in done.out
     assert "fill in what stands in capitals" in done.out
+
+
+def test_only_the_rows_that_a_fit_uses_are_described(here: Run, inside: Path) -> None:
+    t = 0.01 * np.arange(1000)
+    ramp = table(inside / "ramp.csv", [t, 2.0 * t, t**2], "time [s],inlet [bar],outlet [bar]")
+    words = ("inspect", ramp, "--no-trial", "--window", "2:6", "--exclude", "time=4:9")
+    done = here(*words)
+    assert "1000 rows, 200 of them used" in done.out
+    assert "2 to 3.99 s" in done.out
+    assert "4 to 7.98 bar" in done.out
+    found = json.loads(here(*words, "--json").out)
+    assert (found["columns"][1]["low"], found["columns"][1]["high"]) == (4.0, 7.98)
+    nothing = here("inspect", ramp, "--no-trial", "--window", "20:")
+    assert nothing.status == 3
+    assert "no sample lies within the window 20: s" in nothing.err
+
+
+def test_every_name_that_is_shown_is_taken_for_a_column(here: Run, inside: Path) -> None:
+    headers = ("t_s", "q_ref_m", "q_m", "p [bar]", "p [V]", "#1", "Druck hinter dem Ventil [bar]")
+    rng = np.random.default_rng(3)
+    log = table(inside / "axis.csv", [0.01 * np.arange(200), *rng.standard_normal((6, 200))],
+                ",".join(headers))  # fmt: skip
+    columns = json.loads(here("inspect", log, "--no-trial", "--json").out)["columns"]
+    out = here("inspect", log, "--no-trial").out
+    for column in columns[1:]:
+        assert f"#{column['number']}" in out
+        assert column["reference"] in out
+        done = here("inspect", log, "--no-trial", "--json", "--column",
+                    f"force={column['reference']}", "--unit", "force=N")  # fmt: skip
+        assert done.status == 0, done.err
+    assert columns[5]["reference"] == "#6"  # "#1" is the first column
+
+
+def test_a_likely_time_says_what_a_fit_has_to_be_told(here: Run, inside: Path) -> None:
+    rng = np.random.default_rng(3)
+    log = table(inside / "bare.csv", [0.01 * np.arange(200), *rng.standard_normal((3, 200))])
+    assert "a fit needs --column time=#1" in here("inspect", log, "--no-trial").out
+    assert "a fit needs" not in here("inspect", LINE, "--no-trial").out
 
 
 def test_pictures_and_their_files(here: Run, inside: Path) -> None:

@@ -13,13 +13,13 @@ import click
 from fluidact_fit.errors import UsageError
 
 from .. import options
+from ..advice_lines import echo_advice
 from ..errors import Invocation
 from ..messages import tell_message
 from ..outputs import check_targets
 from ..progress import Progress
 from ..recorded import recorded_command
 from .fit_family import make_command, output_options, targets_of, write_result
-from .inspect import show_advice
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -92,7 +92,11 @@ def _ask(found: Sequence[Suggestion]) -> Suggestion:
     """The choice of a person; ``UsageError`` where nobody can be asked, or nothing is possible."""
     able = [s for s in found if s.verdict in ("pass", "warn", "fail")]
     if not able:
-        reasons = "\n".join(f"  {s.family}: {s.reason}" for s in found)
+        reasons = "\n".join(
+            dict.fromkeys(
+                f"  {s.family}: {s.reason}" if s.reason else f"  {s.basis}" for s in found
+            )
+        )
         raise UsageError(
             "no family fits these logs as they are.",
             expected=f"What was tried:\n{reasons}" if found else
@@ -101,7 +105,7 @@ def _ask(found: Sequence[Suggestion]) -> Suggestion:
             "columns.",
         )  # fmt: skip
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
-        poor = len(able) == 1 and not able[0].unsure
+        poor = len(able) == 1 and not (able[0].unsure or able[0].basis)
         raise UsageError(
             "the only family that can be tried describes these logs poorly." if poor
             else "these logs can be read in more than one way.",
@@ -109,7 +113,7 @@ def _ask(found: Sequence[Suggestion]) -> Suggestion:
             remedy="Run it if it is meant; --sample-time SECONDS lets families in time be tried "
             "where the log has no time." if poor else "Run the intended command.",
         )  # fmt: skip
-    show_advice(able)
+    echo_advice(able)
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip
     return able[number - 1]

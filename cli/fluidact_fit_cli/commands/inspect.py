@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +13,13 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
-from ..channel_lines import echo_channels, echo_relations, text_width, troubles
+from ..advice_lines import echo_advice
+from ..channel_lines import echo_channels, echo_relations, troubles
 from ..errors import Invocation
 from ..messages import echo_notices
 from ..outputs import check_targets, write_all
 from ..progress import Progress
-from ..show import echo, echo_json, echo_table, echo_text
+from ..show import echo, echo_json, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -33,8 +32,6 @@ _NO_FIT = {
                      "--verbose", "-v", "--debug"), False),
 }  # fmt: skip
 _LISTED = 8  # lines that were left out, one by one
-_RELATED = 8  # columns of which each two are compared
-_BESIDE = 45  # characters of a table before its last column
 
 
 @click.command(
@@ -69,7 +66,7 @@ def command(
     --family only --column time=..., --unit time=... and --scale time=... matter for the time.
     """
     from fluidact_fit.advice import suggest
-    from fluidact_fit.errors import Notice
+    from fluidact_fit.inspection import Inspection, describe_log
     from fluidact_fit.logs.columns import find_column
 
     if family is not None:
@@ -89,20 +86,19 @@ def command(
     for log in read:
         # Refuses a column that is not there.
         roles = {find_column(log, role, at).index: role for role, at in log.bindings.items()}
-        every.append(_description(log, family))
+        every.append(describe_log(log, family))
     shown = not as_json and not params["quiet"]
     if shown:
         _show(every[0], roles)
         for other in every[1:]:
             _show_briefly(other)
-        echo_notices(Notice(n["code"], n["message"]) for e in every for n in e["notices"])
+        echo_notices(Inspection(tuple(every), ()).notices)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         advice = suggest(read, logs, family, trial=trial, words=words, progress=progress)
     if as_json:
-        listed = {"suggestions": [s.as_dict() for s in advice]}
-        echo_json({**every[0], **listed} if len(every) == 1 else {"logs": every, **listed})
+        echo_json(Inspection(tuple(every), tuple(advice)).to_dict())
     elif shown:
-        show_advice(advice)
+        echo_advice(advice)
     if plot is not None:
         pictures = _pictures(read, advice, plot)
         write_all(pictures, force)
@@ -116,9 +112,10 @@ def _pictures(
     """The files of the pictures: a page of both, or one file each."""
     from fluidact_fit.advice import views_of
     from fluidact_fit.channels import describe_channels, time_of
+    from fluidact_fit.logs import selected_part
     from fluidact_fit.report import inspection_page, plot_channels, plot_views, render
 
-    log = logs[0]
+    log = selected_part(logs[0])
     time, channels = time_of(log), describe_channels(log)
     at = None if time is None else time[0]
     shown = [(c, found) for c in log.columns
@@ -139,90 +136,10 @@ def _beside(path: Path) -> Path:
     return path.with_name(f"{path.stem}-responses{path.suffix}")
 
 
-def _description(log: Log, family: str | None) -> dict[str, Any]:
-    """Describe the file and its channels as plain data."""
-    from fluidact_fit.channels import describe_channels, relate
-    from fluidact_fit.logs import describe
-
-    found = describe(log)
-    if family is not None:
-        found["family"] = _usable(log, family, found)
-    channels = describe_channels(log)
-    for entry in found["columns"]:
-        channel = channels[entry["number"]]
-        entry["channel"] = None if channel is None else asdict(channel)
-    at = found["time"]["column"] if found["time"] else None
-    signals = [c for c in log.columns if c.index != at and not c.part_of]
-    found["relations"] = [asdict(r) for r in relate(signals[:_RELATED])]
-    return found
-
-
-def show_advice(advice: Sequence[Suggestion]) -> None:
-    """Say which families fit, what they do not determine, and what to run."""
-    echo()
-    if not advice:
-        echo_text(
-            "No family has all that it needs among these columns, by their units and names. Say "
-            "what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles).",
-            "",
-        )
-        return
-    _show_families(advice)
-    best = advice[0]
-    for name, message in best.not_identified.items():
-        echo_text(f"not determined: {message or name}")
-    if best.reason:
-        echo_text(f"{best.family}: {best.reason}")
-    for one, other in best.unsure:
-        echo_text(f"{one} and {other} could be exchanged: check which column is which")
-    for one, other in best.against:
-        echo_text(f"{other} moves against {one}: if a sign is reversed, add --scale {one}=-1 "
-                  f"or --scale {other}=-1")  # fmt: skip
-    if best.asked:
-        echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
-    echo("next:" if not best.guessed or len(advice) == 1 else "next, one of:")
-    for s in advice if best.guessed else advice[:1]:
-        echo(f"  {s.powershell if os.name == 'nt' else s.command}")
-
-
-def _show_families(advice: Sequence[Suggestion]) -> None:
-    """A table of the families; their columns below them where the terminal is narrow."""
-    from fluidact_fit.tables import percent_text
-
-    rows = [
-        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
-         " ".join(f"{role}={at}" for role, at in s.columns.items())]
-        for s in advice
-    ]  # fmt: skip
-    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
-        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
-        return
-    for family, verdict, percent, columns in rows:
-        echo(f"{family:<19} {verdict:<9} {percent:>9}")
-        echo_text(columns, "    ", "    ")
-
-
-def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
-    """Prepare the log for a family; adds its notices, raises what makes it unusable."""
-    from fluidact_fit.logs import choose_variant, experiments
-
-    variant = choose_variant(log, get_family(name).variants)
-    runs, notices = experiments(log, variant)
-    known = {n["message"] for n in found["notices"]}
-    found["notices"] += [
-        {"code": n.code, "message": n.message} for n in notices if n.message not in known
-    ]
-    return {
-        "name": name,
-        "variant": variant.name,
-        "runs": [{"name": e.name, "samples": e.samples} for e in runs],
-    }
-
-
 def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     dialect = found["dialect"]
     separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
-    echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
+    echo(f"{found['file']}: {_rows(found)}, {len(found['columns'])} columns")
     text = f", {dialect['encoding']}, separator {separator}, decimal '{dialect['decimal']}', "
     text += f"data from line {dialect['first_data_line']}"
     echo_text(f"format: {dialect['name']}{text if separator else ''}")
@@ -247,10 +164,16 @@ def _show_briefly(found: Mapping[str, Any]) -> None:
     """Say of a further log what differs: its rows, its time and what is wrong with a channel."""
     time = found["time"]
     every = f", every {time['sample_time']:g} s" if time else ""
-    echo(f"{found['file']}: {found['rows']} rows{every}")
+    echo(f"{found['file']}: {_rows(found)}{every}")
     for column in found["columns"]:
         if said := troubles(column):
             echo_text(f"#{column['number']}: {'; '.join(said)}", "    ")
+
+
+def _rows(found: Mapping[str, Any]) -> str:
+    """Return the number of rows, and of those that ``--window`` and ``--exclude`` leave."""
+    used = f", {found['rows_used']} of them used" if "rows_used" in found else ""
+    return f"{found['rows']} rows{used}"
 
 
 def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
@@ -285,7 +208,9 @@ def _show_time(time: Mapping[str, Any] | None) -> None:
     even = "even" if time["uniform"] else f"uneven by up to {time['jitter']:.2g} s"
     assumed = " (assumed)" if time["assumed"] else ""
     rate = f" ({1.0 / step:.4g} Hz)" if step else ""
+    told = "" if time["named"] else f" (likely; a fit needs --column time=#{time['column']})"
     echo_text(
-        f"time in column #{time['column']}, unit {time['unit']}{assumed}: {time['runs']} run(s), "
-        f"{time['start']:g} to {time['end']:g} s, every {step:g} s{rate}, {even}"
+        f"time in column #{time['column']}{told}, unit {time['unit']}{assumed}: "
+        f"{time['runs']} run(s), {time['start']:g} to {time['end']:g} s, "
+        f"every {step:g} s{rate}, {even}"
     )

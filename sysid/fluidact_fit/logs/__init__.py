@@ -12,6 +12,7 @@ from .opening import LogLike, Reading, open_logs
 from .reader import read_log
 from .repeats import require_other_data
 from .same_signal import require_two_signals
+from .selection import selected_part
 
 __all__ = [
     "Column",
@@ -30,5 +31,6 @@ __all__ = [
     "require_agreement",
     "require_other_data",
     "require_two_signals",
+    "selected_part",
     "share_columns",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import LogError, Notice, UsageError, closest
+from ..errors import LogError, Notice, UsageError, closest, visible
 from ..experiment import is_finite
 from ..specification import Role
 from ..units import conversion_factor, same_dimension, unit_within, without_size
@@ -150,6 +150,13 @@ def matching(log: Log, wanted: str) -> list[Column]:
         or [c for c in named if _fold(c.name) == folded]
         or [c for c in named if folded in map(_fold, c.also)]
     )
+
+
+def reference_of(log: Log, column: Column) -> str:
+    """Return a text that ``--column`` takes for a column alone: its header, name or number."""
+    texts = (column.header.strip(), column.name.strip())
+    unique = (t for t in texts if t and t == visible(t) and matching(log, t) == [column])
+    return next(unique, f"#{column.index}")
 
 
 def share_columns(logs: Sequence[Log]) -> list[Log]:
@@ -418,10 +425,11 @@ def assumed_notice(log: Log, bindings: Iterable[Binding]) -> Iterator[Notice]:
     assumed = [b for b in bindings if b.assumed]
     if assumed:
         texts = ", ".join(f"{b.role.name} in {b.unit} ({_why(b)})" for b in assumed)
+        options = " ".join(f"--unit {b.role.name}=UNIT" for b in assumed)
         yield Notice(
             "unit-assumed",
             f"{log.name}: no unit was found, and one was assumed: {texts}. "
-            f"Name it with --unit {assumed[0].role.name}=UNIT.",
+            f"If it is another one, give {options}.",
         )
 
 

@@ -12,9 +12,10 @@ from ..experiment import Experiment
 from ..specification import Role
 from ..units import conversion_factor, same_dimension
 from .checks import check_placeholders, check_sampling, smallest_step
-from .columns import TIME, Binding, bind_role, time_candidate
+from .columns import TIME, Binding, bind_role, reference_of, time_candidate
 from .grid import untimed_run
 from .log import Column, Log
+from .selection import select_runs, selected_part
 from .timebase import split_runs
 from .turns import settle_turns
 
@@ -24,15 +25,19 @@ _PLAIN = ("delimited", "in memory", "merged")  # forms that have no name of thei
 def describe(log: Log) -> dict[str, Any]:
     """Return what ``inspect`` shows: dialect, columns, time base and what is wrong.
 
-    Works without a family; problems of the time column are listed, not raised.
+    Works without a family; problems of the time column are listed, not raised. Columns and time
+    are those of the rows that a fit uses (:func:`.selected_part`), which raises as it does.
 
     Returns
     -------
     dict
         Plain numbers and text with the keys ``file``, ``sha256``, ``rows``, ``lines`` (what every
         one was taken for), ``elements`` (what became of each of a binary recording), ``dialect``,
-        ``columns`` (raw units), ``time`` (``None`` without a time column) and ``notices``.
+        ``columns`` (raw units), ``time`` (``None`` without a time column; ``named`` says whether
+        a fit takes it without ``--column``) and ``notices``;
+        ``rows_used`` where not all rows are.
     """
+    part = selected_part(log)
     notices = [*log.notices, *(n for c in log.columns for n in check_placeholders(log, c))]
     time = _describe_time(log, notices)
     notices += _turns(log)
@@ -41,6 +46,7 @@ def describe(log: Log) -> dict[str, Any]:
         "file": log.name,
         "sha256": log.sha256,
         "rows": log.rows,
+        **({} if part is log else {"rows_used": part.rows}),
         "lines": {
             "total": log.account.total_lines,
             "header": log.account.header_lines,
@@ -58,7 +64,10 @@ def describe(log: Log) -> dict[str, Any]:
             "units_line": dialect.units_line,
             "first_data_line": dialect.first_data_line,
         },
-        "columns": [_describe_column(column) for column in log.columns],
+        "columns": [
+            {**_describe_column(column), "reference": reference_of(part, column)}
+            for column in part.columns
+        ],
         "time": time,
         "notices": [{"code": n.code, "message": n.message} for n in notices],
     }
@@ -163,6 +172,7 @@ def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
         if binding is None:
             return None
         runs, found = split_runs(log, binding)
+        runs = select_runs(log, runs)
     except LogError as error:
         notices.append(Notice("time-unusable", error.text.replace("\n", " ")))
         return None
@@ -175,6 +185,7 @@ def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
         "header": binding.column.header or None,
         "unit": binding.unit,
         "assumed": binding.assumed,
+        "named": bind_role(log, TIME) is not None,
         "runs": len(runs),
         "sample_time": usual,
         "uniform": all(run.uniform for run in runs),

@@ -29,8 +29,8 @@ from .grid import Run, counted_run, make_run, print_resolution, untimed_run
 from .invalid import require_numbers, without_invalid
 from .log import MIN_RUN, Log, StepInput, check_hold
 from .repeats import check_repeats
+from .selection import select_runs
 from .spikes import replace_spikes
-from .surgery import exclude_runs
 from .timebase import split_runs
 from .turns import settle_turns
 
@@ -88,7 +88,7 @@ def experiments(
     notices += absolute_notice(log, bindings.values())
     written, turned = bindings, settle_turns(log, bindings, runs)
     notices += turned.notices
-    runs = exclude_runs(log, _apply_window(log, runs))
+    runs = select_runs(log, runs)
     kept = without_invalid(log, turned.bindings, runs)
     bindings, whole = kept.bindings, [run for _, run in kept.runs]
     notices += kept.notices
@@ -181,36 +181,6 @@ def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
             expected=expected,
             remedy="Check the time column, --unit time=... and --scale time=...",
         )
-
-
-def _apply_window(log: Log, runs: list[Run]) -> list[Run]:
-    """Keep the seconds asked for, on each run's own time."""
-    if log.window is None or log.window == (None, None):
-        return runs
-    if not any(run.time.size for run in runs):
-        raise UsageError(
-            f"{log.name} has no time, so --window cannot be applied.",
-            remedy="Give --column time=... or --sample-time, or leave --window out.",
-        )
-    low = -np.inf if log.window[0] is None else log.window[0]
-    high = np.inf if log.window[1] is None else log.window[1]
-    kept = []
-    for run in runs:
-        # A bound at a sample's own instant keeps the sample, rounding aside.
-        slack = 1e-6 * run.sample_time
-        inside = (run.time >= low - slack) & (run.time <= high + slack)
-        if inside.any():
-            kept.append(Run(run.rows[inside], run.time[inside], run.sample_time, run.uniform))
-    if not kept:
-        first = min(float(run.time[0]) for run in runs if run.time.size)
-        last = max(float(run.time[-1]) for run in runs if run.time.size)
-        raise LogError(
-            f"no sample lies within the window {log.window_text} s.",
-            where=log.name,
-            expected=f"Its time runs from {first:g} to {last:g} s.",
-            remedy="Choose the window within these seconds.",
-        )
-    return kept
 
 
 def _make_experiments(

@@ -255,6 +255,12 @@ def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:
     return f"lines {', '.join(texts[:-1])} and {texts[-1]}"
 
 
+def name_columns(columns: Sequence[Column]) -> str:
+    """Return ``#2, #3 and #4``, the numbers of columns for a message."""
+    *others, last = (f"#{column.index}" for column in columns)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
 def exclude_lines(lines: Sequence[int] | IntArray, shown: int = 3) -> str:
     """Return the options that leave out lines, ``--exclude lines=7 --exclude lines=9:12``."""
     numbers = np.asarray(lines, dtype=np.int64)

@@ -117,12 +117,17 @@ def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
     account = log.account
     out = [(int(line), "excluded") for line in log.lines[~kept]]
     left_out = tuple(sorted([*account.left_out, *out]))
+    account = replace(account, data_rows=int(kept.sum()), left_out=left_out)
+    return replace(with_rows(log, kept), account=account)
+
+
+def with_rows(log: Log, kept: BoolArray) -> Log:
+    """Return a log with some of its rows; ``kept`` has shape ``(n_rows,)``."""
     return replace(
         log,
         columns=tuple(_rows(column, kept) for column in log.columns),
         lines=log.lines[kept],
         places=(np.arange(log.rows) if log.places is None else log.places)[kept],
-        account=replace(account, data_rows=int(kept.sum()), left_out=left_out),
     )
 
 

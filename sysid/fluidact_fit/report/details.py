@@ -17,7 +17,7 @@ from ..parameter_table import recorded_units
 from ..rows import blocks
 from . import style
 from .numbers import Scale, choose_scale, plain, scale_of, scaled, spoken
-from .runs import drive_role, envelope, instants, subset, worst_residual
+from .runs import drive_role, envelope, instants, is_too_long, subset, worst_residual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,6 @@ _SHARE = 0.06  # of a run that a close-up shows
 _FEWEST = 40  # samples that it shows at least
 _BEFORE = 0.25  # share of a close-up before its edge
 _MOST_POINTS = 6000
-_LONG = 1 << 20  # samples of a run, beyond which the law inside takes too long
 Draw = Callable[["Axes"], None]
 
 
@@ -62,7 +61,7 @@ def detail_row(figure: Figure, result: Outcome, left: float, right: float, top: 
 
 def physics_view(result: Outcome) -> PhysicsView | None:
     """The law inside a dynamic model, as its family shows it; ``None`` for long records."""
-    if any(s.measured.size > _LONG for s in result.fitted):
+    if is_too_long(result):
         return None
     found = [Simulated(s.simulated, offset=s.offset) for s in result.fitted]
     family = get_family(result.family)

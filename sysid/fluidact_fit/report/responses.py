@@ -8,12 +8,12 @@ from ..model_free import Views, view_fit
 from ..notices import is_note
 from ..outcome import Outcome
 from ..parameter_table import recorded_units
-from ..rows import is_long
 from .figure import static_view
 from .html import Picture
 from .inspection import plot_views
 from .numbers import percent, scaled
 from .reading import picture
+from .runs import is_too_long
 
 # Warnings that such a picture explains: the model moves otherwise than the machine.
 _EXPLAINED = (
@@ -29,7 +29,7 @@ def responses_picture(result: Outcome) -> Picture | None:
     time. Disagreement raises no warning of its own: the examination of the fit tests for it, and
     the title names the warnings that it gave.
     """
-    if static_view(result) is not None or any(is_long(s.measured.size) for s in result.fitted):
+    if static_view(result) is not None or is_too_long(result):
         return None
     views = view_fit(result)
     if views is None or views.model is None:

@@ -10,11 +10,12 @@ import numpy.typing as npt
 
 from ..experiment import FloatArray
 from ..family import Variant
-from ..outcome import Simulation
+from ..outcome import Outcome, Simulation
 from ..rows import blocks
 
 _MOST_COLUMNS = 3
 _MOST_OVERLAID = 60
+_LONG = 1 << 20  # samples of a run, beyond which what is computed from all of it takes too long
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class Choice:
 def drive_role(variant: Variant) -> str:
     """Name of the first role that drives the model, empty when there is none."""
     return next((r.name for r in variant.driving), "")
+
+
+def is_too_long(result: Outcome) -> bool:
+    """Return whether a run is too long for pictures that compute anything from all of it."""
+    return any(run.measured.size > _LONG for run in result.fitted)
 
 
 def instants(run: Simulation) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..errors import UnitError
+from ..errors import UnitError, closest
 from .reading import (
     FOR_PINT,
     SCALE,
@@ -16,7 +16,7 @@ from .reading import (
     read_unit,
 )
 from .spelling import LONGEST, normalise_unit, split_reference
-from .table import NUMBER, QUANTITIES
+from .table import NUMBER, QUANTITIES, TABLE
 
 # The force that the name of a mass may mean.
 _FORCES = {"lb": "lbf", "kg": "kgf", "g": "gf", "t": "tf", "oz": "ozf"}
@@ -101,11 +101,13 @@ def conversion_factor(
     if wanted.what == NUMBER:
         return found.factor if found.what == NUMBER and "%" in normalise_unit(unit) else 1.0
     if found.fault:
+        likely = closest(unit, (u for u in TABLE if read_unit(u).what == wanted.what))
         raise UnitError(
             f"unit {_shown(unit)} {found.fault.replace('ROLE', role)}",
             where=where,
             expected=f"Expected {dimension_name(si_unit)} such as '{si_unit}'.",
-            remedy=f"Name the unit with --unit {role}=UNIT, for example '{si_unit}'.",
+            remedy=(f"Did you mean '{likely}'? " if likely and not found.means_unit else "")
+            + f"Name the unit with --unit {role}=UNIT, for example '{likely or si_unit}'.",
         )
     if found.what != wanted.what:
         raise _wrong_quantity(unit, si_unit, where, role, others)

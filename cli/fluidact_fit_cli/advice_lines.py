@@ -1,0 +1,108 @@
+"""Suggested families as lines of text: what was tried, what is missing, what to run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from .channel_lines import text_width
+from .show import echo, echo_table, echo_text
+
+if TYPE_CHECKING:
+    from fluidact_fit.advice import Suggestion
+
+_BESIDE = 45  # characters of a table before its last column
+
+
+def echo_advice(advice: Sequence[Suggestion]) -> None:
+    """Print which families fit, what they do not determine, and what to run."""
+    echo()
+    if not advice:
+        echo_text(
+            "No family has all that it needs among these columns, by their units and names. Say "
+            "what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles).",
+            "",
+        )
+        return
+    whole = [s for s in advice if not s.candidates]
+    incomplete = [s for s in advice if s.candidates]
+    if whole:
+        _echo_assigned(whole)
+    if incomplete:
+        _echo_incomplete(incomplete, other=bool(whole))
+
+
+def _echo_assigned(advice: Sequence[Suggestion]) -> None:
+    """Print families that have a column for every role, and their commands."""
+    _echo_families(advice)
+    best = advice[0]
+    for name, message in best.not_identified.items():
+        echo_text(f"not determined: {message or name}")
+    if best.reason:
+        echo_text(f"{best.family}: {best.reason}")
+    if best.basis:
+        echo_text(best.basis, "")
+    for one, other in best.unsure:
+        echo_text(f"{one} and {other} could be exchanged: check which column is which")
+    for one, other in best.against:
+        echo_text(f"{other} moves against {one}: if a sign is reversed, add --scale {one}=-1 "
+                  f"or --scale {other}=-1")  # fmt: skip
+    if best.asked:
+        echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
+    shown = advice if best.basis else advice[:1]
+    echo("next:" if len(shown) == 1 else "next, one of:")
+    for s in shown:
+        echo(f"  {_command(s)}")
+
+
+def _echo_families(advice: Sequence[Suggestion]) -> None:
+    """Print a table of the families; their columns below them where the terminal is narrow."""
+    from fluidact_fit.tables import percent_text
+
+    rows = [
+        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
+         " ".join(f"{role}={at}" for role, at in s.columns.items())]
+        for s in advice
+    ]  # fmt: skip
+    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
+        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
+        return
+    for family, verdict, percent, columns in rows:
+        echo(f"{family:<19} {verdict:<9} {percent:>9}")
+        echo_text(columns, "    ", "    ")
+
+
+def _echo_incomplete(advice: Sequence[Suggestion], *, other: bool) -> None:
+    """Print families of which somebody has to say which column is what, and a command to complete.
+
+    ``other`` says whether families with a column for every role stand above.
+    """
+    best = advice[0]
+    echo_text("Families of which the log does not tell which column is what:" if other
+              else best.basis, "")  # fmt: skip
+    rows: dict[str, list[str]] = {}
+    for s in advice:
+        rows.setdefault(s.family, []).append(_roles(s))
+    width = max(map(len, rows))
+    for family, variants in rows.items():
+        echo_text(f"{family:<{width}}  {', or '.join(variants)}", " " * (width + 4), "  ")
+    roles: dict[tuple[str, ...], dict[str, None]] = {}
+    for s in advice:
+        for role, columns in s.candidates.items():
+            roles.setdefault(columns, {})[role] = None
+    for columns, names in roles.items():
+        every = "every role" if len(roles) == 1 else ", ".join(names)
+        echo_text(f"candidates for {every}: {', '.join(columns)}")
+    echo("next, with the family of the machine and what stands in capitals filled in:")
+    echo(f"  {_command(best)}")
+
+
+def _roles(s: Suggestion) -> str:
+    """Return the roles of a family, with the columns that are chosen: ``force=#2 + velocity``."""
+    return " + ".join([*(f"{role}={at}" for role, at in s.columns.items()), *s.candidates])
+
+
+def _command(s: Suggestion) -> str:
+    """Return the command for the shell of this system."""
+    return s.powershell if os.name == "nt" else s.command

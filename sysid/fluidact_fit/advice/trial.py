@@ -1,0 +1,89 @@
+"""Trial fits of a suggestion, and views of its data without a model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import FluidactError, LogError, NotIdentifiedError, UsageError
+from ..estimation.inputs import settle_holds
+from ..experiment import Experiment
+from ..families import get_family
+from ..fitting import fit
+from ..logs import Log, experiments
+from ..logs.columns import time_candidate
+from ..model_free import Views, view_fit, view_runs
+from .suggestion import Suggestion
+
+_OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
+_ROWS = 50_000  # of all logs, beyond which none is tried
+
+
+def try_fits(
+    suggestions: Sequence[Suggestion],
+    logs: Sequence[Log],
+    progress: Callable[[str], None] | None = None,
+) -> list[Suggestion]:
+    """Return suggestions with the outcome of a fit; very long logs are not tried."""
+    rows = sum(log.rows for log in logs)
+    if rows > _ROWS:
+        reason = f"not tried: {rows} rows are more than {_ROWS}"
+        return [replace(s, reason=reason) for s in suggestions]
+    return [s if s.asked else _try_fit(s, logs, progress) for s in suggestions]
+
+
+def _try_fit(
+    s: Suggestion, logs: Sequence[Log], progress: Callable[[str], None] | None
+) -> Suggestion:
+    """Return a suggestion with the outcome of a fit."""
+    if progress is not None:
+        progress(f"trying {s.family}")
+    try:
+        result = fit(s.family, [bound_log(log, s) for log in logs])
+    except NotIdentifiedError as error:
+        return replace(s, verdict="refused", reason=_one_line(error))
+    except (UsageError, LogError) as error:
+        return replace(s, reason=_one_line(error), asked=tuple(_OPTION.findall(error.remedy)))
+    free = [q for q in result.parameters.values() if q.status == "estimated"]
+    lost = [n for n, q in result.parameters.items() if q.status == "not_identified"]
+    said = [n.message for n in result.notices if n.code == "not-identified"]
+    return replace(
+        s, verdict=str(result.verdict), fit_percent=result.document.fit.fit_percent,
+        parameters=sum(np.size(q.value) for q in free),
+        not_identified={n: next((m for m in said if m.startswith(f"{n} ")), "") for n in lost},
+        result=result,
+    )  # fmt: skip
+
+
+def _one_line(error: FluidactError) -> str:
+    """Refusal and remedy in one line, in the words of the command line."""
+    said = [error.what, error.expected.replace("Nothing was written.", ""), error.remedy]
+    ended = (text if text.rstrip().endswith((".", ":")) else f"{text}." for text in said if text)
+    return " ".join(" ".join(ended).split())
+
+
+def bound_log(log: Log, s: Suggestion) -> Log:
+    """Return a log with the columns of a suggestion bound to its roles."""
+    bindings = {**log.bindings, **s.columns}
+    time = time_candidate(log)
+    if time is not None and log.sample_time is None:
+        bindings.setdefault("time", f"#{time.column.index}")
+    roles = {r.name for r in get_family(s.family).variant(s.variant).roles}
+    return replace(log, bindings={r: at for r, at in bindings.items() if r in roles})
+
+
+def views_of(s: Suggestion, logs: Sequence[Log]) -> Views | None:
+    """Response of the output without a model, and that of the trial's model."""
+    if s.result is not None:
+        return view_fit(s.result)
+    variant = get_family(s.family).variant(s.variant)
+    runs: list[Experiment] = []
+    try:
+        for index, log in enumerate(logs):
+            runs += experiments(bound_log(log, s), variant, index=index)[0]
+        return view_runs(variant, settle_holds(runs))
+    except (LogError, UsageError):
+        return None
