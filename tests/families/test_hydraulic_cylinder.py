@@ -40,6 +40,7 @@ from fluidact_fit.mechanics.hydraulic_cylinder import (
     chamber_flow,
     orifice_flow,
 )
+from fluidact_fit.report.details import physics_view
 from fluidact_fit.result import FitResult
 from fluidact_fit.simulation import simulate_logs, simulate_steps
 
@@ -538,15 +539,17 @@ def test_networks_are_compared_with_the_equations(neural: FitResult) -> None:
 
 
 def test_picture_shows_the_flow_near_zero_command(neural: FitResult) -> None:
-    view = neural.static_view
+    view = physics_view(neural)
     assert view is not None
-    assert (view.x_name, view.y_name) == ("command", "flow_1")
     by_label = {c.label: c for c in view.curves}
-    assert list(by_label) == ["network", "equations, no dead zone", "equations"]
+    assert list(by_label) == ["valve and line", "valve and line, no dead zone", "network"]
+    assert max(abs(view.samples.x)) < 0.15 * max(abs(rows[:, 1]).max() for rows in long_logs())
     inside = np.abs(by_label["network"].x - 0.03) < 0.08  # between the edges, -0.12 V and 0.18 V
-    size = {n: np.abs(c.y[inside]).mean() for n, c in by_label.items()}
-    assert size["equations"] < size["network"] < 0.5 * size["equations, no dead zone"]
-    assert fitted().static_view is None
+    law, shut, network = (np.abs(c.y[inside]).mean() for c in by_label.values())
+    assert law < network < 0.5 * shut
+    plain = physics_view(fitted())
+    assert plain is not None
+    assert [c.label for c in plain.curves] == ["valve and line"]
 
 
 def test_networks_come_back_from_the_file(neural: FitResult, tmp_path: Path) -> None:
