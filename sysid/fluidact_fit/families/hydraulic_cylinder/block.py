@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,8 @@ from ...specification import scalars
 from .case import read_machine
 from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
+from .routines import CylinderRoutines, feeding_chamber
 from .simulation import simulate_run
-
-if TYPE_CHECKING:
-    from .routines import CylinderRoutines
 
 _FAR = 100.0  # supply pressures: nothing that oil does goes as far
 
@@ -95,20 +93,14 @@ class HydraulicBlock(FlowBlock):
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
         return self._law.moving(v)
 
-    def _feeding(self, extending: bool, *pressures: float) -> tuple[int, float]:
-        """Chamber that meters the flow in, the other one where that is not known; its pressure."""
-        chamber = 1 if extending else 2
-        if chamber not in self._known:
-            chamber = self._known[0]
-        return chamber, pressures[chamber - 1]
-
     def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
         """Steady speed for a command [V] and the measured pressures [Pa], in m/s.
 
         The flow of the chamber that is being fed sets it, and only that pressure is used:
         friction and load are in it.
         """
-        chamber, pressure = self._feeding(command >= 0.0, pressure_1, pressure_2)
+        chamber = feeding_chamber(self._known, command >= 0.0)
+        pressure = (pressure_1, pressure_2)[chamber - 1]
         return float(self.flow(chamber, command, pressure)) / self._machine.area(chamber)
 
     def command_for(
@@ -121,7 +113,8 @@ class HydraulicBlock(FlowBlock):
         if velocity == 0.0:
             return 0.0
         extending = velocity > 0.0
-        chamber, pressure = self._feeding(extending, pressure_1, pressure_2)
+        chamber = feeding_chamber(self._known, extending)
+        pressure = (pressure_1, pressure_2)[chamber - 1]
         m, v, way = self._machine, self._of_chamber(chamber), 0 if extending else 1
         drop = float(m.pressure_drop(chamber, np.array(extending), pressure))
         flow = abs(velocity) * m.area(chamber)
@@ -152,8 +145,6 @@ class HydraulicBlock(FlowBlock):
         return self._routines(known).flows()
 
     def _routines(self, known: Mapping[str, Argument]) -> CylinderRoutines:
-        from .routines import CylinderRoutines
-
         values = {i: self._of_chamber(i) for i in self._known}
         nets = {n: network_of(self.parameters, n) for n in NETWORKS}
         return CylinderRoutines(self._machine, values, known, self._law, nets)

@@ -79,11 +79,11 @@ class Case:
         """Windows of every recorded chamber of every log."""
         return self.cut()
 
-    def cut(self, overlap: int = 1, shorter: float = 1.0) -> list[Windows]:
-        """Cut the logs into windows so much ``shorter``, of which ``overlap`` begin within one."""
-        machine, length = self.machine, self.window / shorter
-        found = cut_windows(self.experiments, self.chambers, machine, length, overlap)
-        if not found:
+    def cut(self, overlap: int = 1) -> list[Windows]:
+        """Cut the logs into windows, of which ``overlap`` begin within one length."""
+        machine = self.machine
+        windows = cut_windows(self.experiments, self.chambers, machine, self.window, overlap)
+        if not windows:
             raise LogError(
                 "no part of the logs says anything of the valve: there is no pressure drop left "
                 "across it, or the pressure never settles",
@@ -92,7 +92,7 @@ class Case:
                 remedy="Check --supply-pressure, --tank-pressure and the unit of the pressures; "
                 "give the dead volumes to use transients as well.",
             )
-        return found
+        return windows
 
     @cached_property
     def friction(self) -> FrictionRows:
@@ -108,7 +108,7 @@ class Case:
 
 
 def _holds_both(e: Experiment) -> bool:
-    return "pressure_1" in e and "pressure_2" in e
+    return all(role in e for role in _PRESSURES)
 
 
 def _friction_windows(e: Experiment, machine: Machine) -> tuple[FloatArray, FloatArray]:
@@ -159,7 +159,7 @@ def make_case(
         When something that the logs need is missing, or cannot be.
     """
     for e in experiments:
-        if "pressure_1" not in e and "pressure_2" not in e:
+        if not any(role in e for role in _PRESSURES):
             raise LogError(
                 "neither chamber's pressure was recorded",
                 where=e.name,
@@ -193,7 +193,7 @@ def _check_chambers(machine: Machine, experiments: Sequence[Experiment]) -> None
 
     ``p_1 A_1 - p_2 A_2`` moves the mass against friction: a small part of either force.
     """
-    both = [e for e in experiments if all(r in e for r in _PRESSURES)]
+    both = [e for e in experiments if _holds_both(e)]
     if not both or machine.area_1 is None or machine.area_2 is None:
         return
     p1, p2 = (np.concatenate([e.sampled(r) for e in both]) for r in _PRESSURES)

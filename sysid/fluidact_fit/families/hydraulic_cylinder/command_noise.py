@@ -13,7 +13,7 @@ import numpy as np
 from ...estimation.least_squares import without
 from ...estimation.noise import noise_floor
 from ...experiment import FloatArray
-from .gray_search import GraySolution
+from .gray_search import GrayPoint
 
 _DRAWS = 16  # of the noise
 _SEEN = 0.5  # share of the noise that the machine did not see: certainly less, and it saw it
@@ -21,43 +21,43 @@ _SURE = 3.0  # standard errors
 _SPAN = 5  # samples of the median that takes the noise off a command
 
 
-def command_noise(solution: GraySolution) -> tuple[FloatArray, float]:
+def command_noise(point: GrayPoint) -> tuple[FloatArray, float]:
     """Covariance of the free parameters by noise on the command, ``(p, p)``, from draws of it.
 
     Returned as well is the largest standard deviation found on the command of a log [V], 0 where
     the machine saw them all.
     """
-    rng, bread = np.random.default_rng(0), solution.bread
+    rng, bread = np.random.default_rng(0), point.bread
     total, most = np.zeros_like(bread), 0.0
-    for k, log in enumerate(solution.problem.logs):
+    for k, log in enumerate(point.problem.logs):
         noise = noise_floor(log.command, 4)
-        if noise == 0.0 or _was_seen(solution, k):
+        if noise == 0.0 or _was_seen(point, k):
             continue
         most = max(most, noise)
         draws = noise * rng.standard_normal((_DRAWS, log.command.size))
-        scores = [bread @ (solution.jacobian[k].T @ _change(solution, k, d)) for d in draws]
+        scores = [bread @ (point.jacobian[k].T @ _change(point, k, d)) for d in draws]
         total += np.transpose(scores) @ scores / _DRAWS
     return total, most
 
 
-def _was_seen(solution: GraySolution, k: int) -> bool:
+def _was_seen(point: GrayPoint, k: int) -> bool:
     """True if the residuals of a log show that the machine followed the noise of its command.
 
     The share of it that the machine did not follow is estimated beside the parameters.
     """
     from scipy.ndimage import median_filter
 
-    command = solution.problem.logs[k].command
-    column = _change(solution, k, median_filter(command, _SPAN, mode="nearest") - command)
-    own = solution.jacobian[k].T @ column
-    size = max(float(column @ column - own @ solution.bread @ own), 1e-300)
-    share = float(column @ solution.residuals[k]) / size
+    command = point.problem.logs[k].command
+    column = _change(point, k, median_filter(command, _SPAN, mode="nearest") - command)
+    own = point.jacobian[k].T @ column
+    size = max(float(column @ column - own @ point.bread @ own), 1e-300)
+    share = float(column @ point.residuals[k]) / size
     return share + _SURE / np.sqrt(size) < _SEEN
 
 
-def _change(solution: GraySolution, k: int, command: FloatArray) -> FloatArray:
+def _change(point: GrayPoint, k: int, command: FloatArray) -> FloatArray:
     """Change of the weighted rows of a log with its command, less what its start explains."""
-    problem, log = solution.problem, solution.problem.logs[k]
+    problem, log = point.problem, point.problem.logs[k]
     other = replace(log, command=log.command + command)
-    moved = problem.box.simulate(other, solution.initial[k], solution.values)
-    return without(solution.start_basis[k], problem.weighted(log, moved - solution.states[k]))
+    moved = problem.box.simulate(other, point.initial[k], point.values)
+    return without(point.start_basis[k], problem.weighted(log, moved - point.states[k]))

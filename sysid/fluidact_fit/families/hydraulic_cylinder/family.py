@@ -35,7 +35,6 @@ from ...family import (
     Role,
     Simulated,
     Solution,
-    StaticView,
     Structure,
     UnmodelledEffect,
     Variant,
@@ -47,7 +46,7 @@ from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
 from .gray_fit import fit_gray
 from .nearby import fall_slopes
-from .networks import LAYERS, NETWORKS, fit_networks, flow_curve, flow_view
+from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
 from .simulation import simulate_runs
@@ -179,30 +178,15 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         """Position from the command, or from command and pressure; see :meth:`Family.simulate`."""
         return simulate_runs(plant, experiments)
 
-    def static_view(
-        self,
-        plant: Plant[HydraulicCylinderOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView | None:
-        """With ``--flow mlp`` the flow near zero command: measured, network and equations."""
-        if plant.options.flow != "mlp":
-            return None
-        case = make_case(plant.variant, experiments, Request(plant.options))
-        return flow_view(case, plant.values)
-
     def physics_view(
         self,
         plant: Plant[HydraulicCylinderOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
     ) -> PhysicsView | None:
-        """The flow of a chamber over the command, where the equations give it."""
-        if plant.options.flow == "mlp":
-            return None
-        return flow_curve(
-            make_case(plant.variant, experiments, Request(plant.options)), plant.numbers
-        )
+        """Return the flow of a chamber over the command, by a network too where there is one."""
+        case = make_case(plant.variant, experiments, Request(plant.options))
+        return flow_curve(case, plant.values)
 
     def unmodelled_effects(
         self, plant: Plant[HydraulicCylinderOptions]

@@ -26,6 +26,7 @@ _FOLLOWED = 1.7
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
 _SEGMENT = 50  # samples that are integrated in one call
+_SHORTEST = 100  # samples of a piece of a log
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,13 @@ class GrayLog:
         """Number of samples."""
         return int(self.guess.shape[0])
 
-    def pieces(self, samples: int, count: int = 4) -> list[GrayLog]:
-        """So many samples in pieces from all over the log; the log itself if it has no more."""
-        if self.samples <= samples:
+    def pieces(self, share: float) -> list[GrayLog]:
+        """Return four pieces from all over the log with a share of its samples, or it itself."""
+        length = max(round(0.25 * share * self.samples), _SHORTEST)
+        if 4 * length >= self.samples:
             return [self]
-        length = samples // count
-        return [
-            self.cut(first, first + length)
-            for first in np.linspace(0, self.samples - length, count).astype(int).tolist()
-        ]
+        ends = np.linspace(0, self.samples - length, 4).astype(int).tolist()
+        return [self.cut(first, first + length) for first in ends]
 
     def cut(self, first: int, after: int) -> GrayLog:
         """Samples ``first`` to ``after``, exclusive."""

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
+from ...estimation.minimise import Minimum
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.results import Refusal, Solved, determine, left_open, refuse
+from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import STRIBECK, free_names, slowest_and_fastest, undetermined
 from ...experiment import Experiment, FloatArray
 from ...family import NoiseModel, Quantity, Solution, make_solution
@@ -19,15 +20,14 @@ from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
 from .case import Case
 from .command_noise import command_noise
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
-from .gray_search import GrayProblem, GraySolution, moving_speeds, solve_gray_box
+from .gray_search import GrayPoint, GrayProblem, moving_speeds, solve_gray_box
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
-from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
+from .regression import directional_gains, fit_flow, fit_friction, sensible_widths
 from .simulation import simulate_runs
 
 _PART = 4_000  # samples in which a search begins
-_MANY = 4  # times as many samples: of longer logs all searches begin in part of them
-_SHORTEST = 400  # samples of such a part of one log
+_LONG = 16_000  # samples from which every search does, and not that for a Stribeck rise alone
 _SPEEDS = 6  # at which the search for a Stribeck rise begins
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
 _ROUNDS = ((2, 4), (6, 2), (20, 1))  # steps from each start, and how many of them go on
@@ -53,45 +53,41 @@ class _Search:
         self.sigma = _noise(case.experiments)
         self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
-    def solve(self, held: Mapping[str, float]) -> GraySolution:
+    def solve(self, held: Mapping[str, float]) -> Minimum[GrayPoint]:
         """Estimate what is not held, of long logs first in part of them."""
         low = [n for n in self.low if n not in held]
-        part = [p for log in self.logs for p in log.pieces(self._share(log))]
+        samples = self.case.samples
+        part = [piece for log in self.logs for piece in log.pieces(_PART / samples)]
         if low and not self.start.get("stribeck_speed"):
             plain = self._settle(part, {**held, **dict.fromkeys(low, 0.0)})
-            self._begin_rise(plain, low, held)
-        if self.initial is None and self.case.samples > _MANY * _PART:
+            self._begin_rise(plain.point, low, held)
+        if self.initial is None and samples > _LONG:
             self._settle(part, held, low)
-        solution = self._settle(self.logs, held, low, self.initial)
-        self.initial = solution.initial
-        return solution
-
-    def _share(self, log: GrayLog) -> int:
-        return max(round(_PART / self.case.samples * log.samples), _SHORTEST)
+        end = self._settle(self.logs, held, low, self.initial)
+        self.initial = end.point.initial
+        return end
 
     def _settle(
         self, logs: Sequence[GrayLog], held: Mapping[str, float], low: Sequence[str] = (),
         initial: Sequence[FloatArray] | None = None,
-    ) -> GraySolution:  # fmt: skip
+    ) -> Minimum[GrayPoint]:  # fmt: skip
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
         begin = {**self.start, **held}
         for _ in range(3):
             problem = GrayProblem(self.box, logs, free, self.sigma)
-            solution = solve_gray_box(problem, begin, initial)
-            begin, initial = solution.values, solution.initial
+            end = solve_gray_box(problem, begin, initial)
+            begin, initial = end.point.values, end.point.initial
             self.case.request.progress(
-                f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
+                f"gray box: {end.iterations} steps, weighted error {end.point.cost:.6g}"
             )
-            old, self.sigma = self.sigma, _spread(solution)
+            old, self.sigma = self.sigma, _spread(end.point)
             if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
                 break
-        self.start = solution.values
-        return solution
+        self.start = end.point.values
+        return end
 
-    def _begin_rise(
-        self, plain: GraySolution, low: Sequence[str], held: Mapping[str, float]
-    ) -> None:
+    def _begin_rise(self, plain: GrayPoint, low: Sequence[str], held: Mapping[str, float]) -> None:
         """Go to the best of several Stribeck speeds, from a fit without a rise.
 
         Stick and slip make the output anything but linear in that speed; from a wrong one the
@@ -119,72 +115,54 @@ class _Search:
             other = {**best.values, "stribeck_speed": speed}
             # all else first, or the search slides back
             held_there = replace(problem, free=[u for u in free if u.name != "stribeck_speed"])
-            side = solve_gray_box(held_there, other, best.initial, max_iterations=_SIDE_STEPS)
+            side = solve_gray_box(held_there, other, best.initial, max_iterations=_SIDE_STEPS).point
             end = solve_gray_box(problem, side.values, side.initial, max_iterations=_SIDE_STEPS)
-            best = min(best, end, key=lambda s: s.cost)
+            best = min(best, end.point, key=lambda s: s.cost)
         self.start = best.values
         fall = _MARGIN * FrictionLaw.of(self.start).fall
         self.box = GrayBox.following(self.logs, self.case.machine, self.start["viscous"], fall)
 
-    def undetermined(self, solution: GraySolution) -> list[Refusal]:
-        """The parameter whose interval says least, if it says nothing."""
-        names = solution.problem.names
-        sizes = {n: 0.5 * max(abs(solution.values[n]), 1e-300) for n in names}
-        friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
-        sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
-        if "bulk_modulus" in names:
-            sensible["bulk_modulus"] *= _CERTAIN / 0.5
-        solved = _solved(solution)
-        rise = undetermined(solved, moving_speeds(solution), lambda held: _solved(self.solve(held)))
+    def undetermined(self, end: Minimum[GrayPoint]) -> list[Refusal]:
+        """Return the parameter whose interval says least, if it says nothing."""
+        solved, speeds = _solved(end.point), moving_speeds(end.point)
+        rise = undetermined(solved, speeds, lambda held: _solved(self.solve(held).point))
         if rise:
             return rise
+        sizes = {n: 0.5 * max(abs(solved.values[n]), 1e-300) for n in solved.names}
+        friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
+        sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
+        sensible["bulk_modulus"] = _CERTAIN * solved.values["bulk_modulus"]
         sensible |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
-        specs = [self.case.variant.parameter(n) for n in names]
-        # what can be left out goes first: a gain may be sure once the losses are gone
-        dispensable = {s.name: s for s in specs if s.neutral is not None}
-        others = {s.name: s for s in specs if s.neutral is None}
-        return left_open(solved, dispensable, sensible) or left_open(solved, others, sensible)
-
-    def check_bulk_modulus(self, solution: GraySolution) -> None:
-        """Refuse a bulk modulus that looks certain only because losses or dead zone were held."""
-        names = solution.problem.names
-        every = [
-            self.unknowns[n]
-            for n in THETA
-            if n in names or (n in GRAY_NAMES and n not in self.case.request.fixed)
-        ]
-        if "bulk_modulus" not in names or len(every) == len(names):
-            return
-        wide = replace(solution.problem, free=every)
-        again = replace(solution, problem=wide, end=replace(solution.end, problem=wide))
-        k = wide.names.index("bulk_modulus")
-        half = 1.96 * float(np.sqrt(max(again.uncertainty.covariance[k, k], 0.0)))
-        if not half <= _CERTAIN * solution.values["bulk_modulus"]:
-            refuse(
-                self.case.variant.parameter("bulk_modulus"),
-                "the logs hold no transients of the pressures that would tell it from valve and "
-                "losses.",
-            )
+        specs = [self.case.variant.parameter(n) for n in solved.names]
+        # Losses and dead zone are refused before the gains, which may be certain without them. Not
+        # so the bulk modulus: without them it would look certain in logs of plateaus alone.
+        last = [s for s in specs if s.neutral is None and s.name != "bulk_modulus"]
+        groups = ([s for s in specs if s.name == "bulk_modulus"],
+                  [s for s in specs if s.neutral is not None], last)  # fmt: skip
+        for group in groups:
+            if refusals := left_open(solved, {s.name: s for s in group}, sensible):
+                return refusals
+        return []
 
 
 def _best_end(
     problem: GrayProblem, starts: Sequence[tuple[Values, Sequence[FloatArray]]]
-) -> GraySolution:
+) -> GrayPoint:
     """Search from every start for a few steps, and go on with those that got farthest."""
     for steps, most in _ROUNDS:
-        ends = [solve_gray_box(problem, *s, max_iterations=steps) for s in starts]
+        ends = [solve_gray_box(problem, *s, max_iterations=steps).point for s in starts]
         ends.sort(key=lambda s: s.cost)
         starts = [(s.values, s.initial) for s in ends[:most]]
     return ends[0]
 
 
-def _solved(solution: GraySolution) -> Solved:
+def _solved(point: GrayPoint) -> Solved:
     """Values and covariance; nothing is known of a bulk modulus at its bound."""
-    names, matrix = solution.problem.names, solution.uncertainty.covariance.copy()
+    names, matrix = point.problem.names, point.uncertainty.covariance.copy()
     if "bulk_modulus" in names:
         k = names.index("bulk_modulus")
-        matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
-    return Solved(solution.values, names, matrix, solution.uncertainty.degrees)
+        matrix[k, k] = np.inf if point.active[k] else matrix[k, k]
+    return Solved(point.values, names, matrix, point.uncertainty.degrees)
 
 
 def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
@@ -193,10 +171,7 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in THETA}
     specs = {s.name: s for s in case.variant.parameters}
     try:
-        found = determine(
-            search.solve, search.undetermined, specs, fixed=fixed,
-            refusals=not_shown(case, dynamic=True),
-        )  # fmt: skip
+        found = determine(search.solve, search.undetermined, specs, fixed=fixed)
     except np.linalg.LinAlgError as error:
         raise NotIdentifiedError(
             "the equations of pressure and motion cannot follow these logs",
@@ -204,9 +179,9 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
             remedy="Check areas, volumes, mass and whether the supply pressure is steady; or leave "
             "out --mass: gains then follow from the balance of the flows.",
         ) from error
-    solution, notices = found.solution, found.notices
-    search.check_bulk_modulus(solution)
-    if not solution.converged:
+    end, notices = found.solution, found.notices
+    point = end.point
+    if not end.converged:
         notices.append(
             Notice(
                 "not-converged",
@@ -214,13 +189,13 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
                 "supply pressure, or give --start values.",
             )
         )
-    by_command, noise = command_noise(solution)
+    by_command, noise = command_noise(point)
     solved = Solved(
-        solution.values, solution.problem.names, solution.uncertainty.covariance + by_command,
-        solution.uncertainty.degrees, fixed, found.refused,
+        point.values, point.problem.names, point.uncertainty.covariance + by_command,
+        point.uncertainty.degrees, fixed, found.refused,
     )  # fmt: skip
     parameters, order, matrix = solved.quantities(case.variant.parameters)
-    sigma = solution.problem.sigma.tolist()
+    sigma = point.problem.sigma.tolist()
     options = replace(
         case.options, stage="gray-box", window=case.window, rest_position=case.rest_position,
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
@@ -228,25 +203,26 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,
-        NoiseModel(matrix), jacobians=_slopes(solution),
-        simulate_near=Nearby(solution), derived={**gains, **_resonance(case, solved)},
+        NoiseModel(matrix), jacobians=_jacobians(point),
+        simulate_near=Nearby(point, [e.name for e in case.experiments]),
+        derived={**gains, **_resonance(case, solved)},
         notices=notices,
         details={
             "method": "gray-box output error of pressures and position",
-            "iterations": solution.iterations,
-            "converged": solution.converged,
-            "covariance": "long-run variance of the scores",
+            "iterations": end.iterations,
+            "converged": end.converged,
             "command_noise": noise,
+            "covariance": "long-run variance of the scores",
         },
     )  # fmt: skip
 
 
-def _slopes(solution: GraySolution) -> list[dict[str, FloatArray]]:
+def _jacobians(point: GrayPoint) -> list[dict[str, FloatArray]]:
     """Derivatives of every measured channel of every log by the free parameters, ``(n, q)``."""
     out = []
-    for log, rows in zip(solution.problem.logs, solution.jacobian):
+    for log, rows in zip(point.problem.logs, point.jacobian):
         parts = rows.reshape(len(log.channels), log.samples, -1)
-        sigma = solution.problem.sigma
+        sigma = point.problem.sigma
         out.append({CHANNELS[c]: sigma[c] * part for c, part in zip(log.channels, parts)})
     return out
 
@@ -278,15 +254,15 @@ def _noise(experiments: Sequence[Experiment]) -> FloatArray:
     return np.array([max(values, default=1.0) for values in found])
 
 
-def _spread(solution: GraySolution) -> FloatArray:
+def _spread(point: GrayPoint) -> FloatArray:
     """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
     total, count = np.zeros(3), np.zeros(3)
-    for log, states in zip(solution.problem.logs, solution.states):
+    for log, states in zip(point.problem.logs, point.states):
         rows = list(log.channels)
         total[rows] += np.sum((log.measured - states.T[rows]) ** 2, axis=1)
         count[rows] += log.samples
     spread = np.sqrt(total / np.maximum(count, 1.0))
-    return np.where(spread > 0.0, spread, solution.problem.sigma)
+    return np.where(spread > 0.0, spread, point.problem.sigma)
 
 
 def _resonance(case: Case, solved: Solved) -> dict[str, Quantity]:

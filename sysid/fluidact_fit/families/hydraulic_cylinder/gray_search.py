@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ...estimation.least_squares import orthonormal, without
-from ...estimation.minimise import minimise
+from ...estimation.least_squares import column_scales, orthonormal, without
+from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
 from ...estimation.problem import Unknown, bounds_of
 from ...estimation.uncertainty import Uncertainty, enlarge, score_covariance
@@ -63,8 +63,11 @@ class GrayProblem:
 
 
 @dataclass(frozen=True)
-class _Point:
-    """All logs simulated with some parameters from some initial states."""
+class GrayPoint:
+    """All logs simulated with some parameters from some initial states.
+
+    ``values`` holds all parameters [SI], ``initial`` the state of every log at its beginning.
+    """
 
     problem: GrayProblem
     values: dict[str, float]
@@ -72,82 +75,48 @@ class _Point:
 
     @cached_property
     def states(self) -> list[FloatArray]:
-        """States of every log, ``(n, 4)`` each."""
+        """p1, p2, y and v of every log, ``(n, 4)`` each [Pa, Pa, m, m/s]."""
         pairs = zip(self.problem.logs, self.initial)
         with np.errstate(all="ignore"):  # a simulation that has run away
             return [self.problem.box.simulate(log, x, self.values) for log, x in pairs]
 
     @cached_property
+    def residuals(self) -> list[FloatArray]:
+        """Weighted residuals of every log, channel after channel, ``(c n,)`` each."""
+        with np.errstate(all="ignore"):
+            return [self.problem.residuals(*pair) for pair in zip(self.problem.logs, self.states)]
+
+    @cached_property
     def cost(self) -> float:
         """Sum of the squared weighted residuals, infinite where a simulation has run away."""
         with np.errstate(all="ignore"):
-            every = (self.problem.residuals(*pair) for pair in zip(self.problem.logs, self.states))
-            cost = sum(float(r @ r) for r in every)
+            cost = sum(float(r @ r) for r in self.residuals)
         return cost if cost < _ASTRAY**2 * self.problem.rows else np.inf
 
     @cached_property
-    def jacobians(self) -> list[FloatArray]:
-        """See :meth:`GrayProblem.jacobian`."""
+    def slopes(self) -> list[FloatArray]:
+        """Slopes of every log by initial state and parameters; see `GrayProblem.jacobian`."""
         pairs = zip(self.problem.logs, self.initial)
         return [self.problem.jacobian(log, x, self.values) for log, x in pairs]
 
-
-@dataclass(frozen=True)
-class GraySolution:
-    """Outcome of a search.
-
-    ``residuals`` are the weighted ones of every log, channel after channel, and ``jacobian`` their
-    derivatives by the free parameters with the sign of the model, initial states projected out.
-    """
-
-    problem: GrayProblem
-    end: _Point
-    iterations: int
-    converged: bool
-
-    @property
-    def values(self) -> dict[str, float]:
-        """All parameters [SI]."""
-        return self.end.values
-
-    @property
-    def states(self) -> list[FloatArray]:
-        """p1, p2, y and v of every log, ``(n, 4)`` each."""
-        return self.end.states
-
-    @property
-    def cost(self) -> float:
-        """Sum of the squared weighted residuals."""
-        return self.end.cost
-
-    @property
-    def initial(self) -> list[FloatArray]:
-        """State of every log at its beginning."""
-        return self.end.initial
-
-    @property
-    def active(self) -> BoolArray:
-        """Mask of the free parameters at a bound."""
-        inside = [u.low < self.values[u.name] < u.high for u in self.problem.free]
-        return ~np.array(inside, dtype=bool)
-
-    @cached_property
-    def residuals(self) -> list[FloatArray]:
-        """``(c n,)`` each, of ``c`` channels."""
-        return [self.problem.residuals(*pair) for pair in zip(self.problem.logs, self.states)]
-
     @cached_property
     def start_basis(self) -> list[FloatArray]:
-        """Orthonormal basis of what the initial state of every log can say of its rows.
+        """Orthonormal basis of the effect of the initial state of every log on its rows.
 
         A piston that sticks forgets the speed that it was said to begin with.
         """
-        return [orthonormal(j[:, :4]) for j in self.end.jacobians]
+        return [orthonormal(j[:, :4]) for j in self.slopes]
 
     @cached_property
     def jacobian(self) -> list[FloatArray]:
-        """``(c n, p)`` each."""
-        return [without(q, j[:, 4:]) for q, j in zip(self.start_basis, self.end.jacobians)]
+        """Slopes by the free parameters, initial states projected out, ``(c n, p)`` each."""
+        return [without(q, j[:, 4:]) for q, j in zip(self.start_basis, self.slopes)]
+
+    @property
+    def active(self) -> BoolArray:
+        """Mask of the free parameters at a bound, ``(p,)``."""
+        inside = [u.low < self.values[u.name] < u.high for u in self.problem.free]
+        return ~np.array(inside, dtype=bool)
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
@@ -160,16 +129,15 @@ class GraySolution:
             [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
             for log in self.problem.logs
         ]
-        found = score_covariance(self.jacobian, self.residuals, channels)
-        white = enlarge(found.covariance, np.diag(self.bread) * self.cost / self.problem.rows)
-        return replace(found, covariance=white)
+        by_scores = score_covariance(self.jacobian, self.residuals, channels)
+        white = np.diag(self.bread) * self.cost / self.problem.rows
+        return replace(by_scores, covariance=enlarge(by_scores.covariance, white))
 
     @cached_property
     def bread(self) -> FloatArray:
         """``inv(J'J)`` of the free parameters, ``(p, p)``."""
         j = np.vstack(self.jacobian)
-        scale = np.linalg.norm(j, axis=0)
-        scale[scale == 0.0] = 1.0
+        scale = column_scales(j)
         return np.asarray(np.linalg.pinv((j / scale).T @ (j / scale)) / np.outer(scale, scale))
 
 
@@ -179,7 +147,7 @@ def solve_gray_box(
     initial: Sequence[FloatArray] | None = None,
     *,
     max_iterations: int = 40,
-) -> GraySolution:
+) -> Minimum[GrayPoint]:
     """Minimise the weighted output error over parameters and initial states.
 
     ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI], which
@@ -195,51 +163,51 @@ def solve_gray_box(
         Where no simulation follows the logs.
     """
     moving = list(initial or [log.guess[0] for log in problem.logs])
-    starts = [_Point(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
+    starts = [GrayPoint(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
     if problem.free:
         starts = [min(starts, key=lambda s: s.cost)]
-    found = min((_descend(s, max_iterations) for s in starts), key=lambda s: s.cost)
-    if not np.isfinite(found.cost):
+    best = min((_descend(s, max_iterations) for s in starts), key=lambda m: m.point.cost)
+    if not np.isfinite(best.point.cost):
         raise np.linalg.LinAlgError("the simulation leaves every measured range")
-    rested = _rested(problem, found.initial)
-    if max_iterations and any(a[3] != b[3] for a, b in zip(rested, found.initial)):
-        other = _descend(_Point(problem, found.values, rested), max_iterations)
-        other = replace(other, iterations=found.iterations + other.iterations)
-        found = min((found, other), key=lambda s: s.cost)
-    return found
+    end = best.point
+    rested = _rested(problem, end.initial)
+    if max_iterations and any(a[3] != b[3] for a, b in zip(rested, end.initial)):
+        other = _descend(GrayPoint(problem, end.values, rested), max_iterations)
+        other = replace(other, iterations=best.iterations + other.iterations)
+        best = min((best, other), key=lambda m: m.point.cost)
+    return best
 
 
-def _descend(begin: _Point, max_iterations: int) -> GraySolution:
+def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
     """Go to the minimum; unknowns are the parameters and the initial states, both scaled."""
     problem = begin.problem
     names, scales = problem.names, np.array([u.scale for u in problem.free])
     count, p = len(problem.logs), len(names)
     size = np.concatenate((scales, np.tile(STATE_SCALE, count)))
 
-    def evaluate(x: FloatArray) -> _Point:
+    def evaluate(x: FloatArray) -> GrayPoint:
         x = x * size
         values = {**begin.values, **dict(zip(names, x[:p].tolist()))}
-        return _Point(problem, values, list(x[p:].reshape(-1, 4)))
+        return GrayPoint(problem, values, list(x[p:].reshape(-1, 4)))
 
     @np.errstate(all="ignore")  # a simulation that has run away
-    def slopes(point: _Point) -> tuple[FloatArray, FloatArray]:
+    def slopes(point: GrayPoint) -> tuple[FloatArray, FloatArray]:
         gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
-        for k, (j, log, states) in enumerate(zip(point.jacobians, problem.logs, point.states)):
+        for k, (j, residuals) in enumerate(zip(point.slopes, point.residuals)):
             j = np.column_stack((j[:, 4:] * scales, j[:, :4]))
             own = [*range(p), *range(p + 4 * k, p + 4 * k + 4)]
-            gradient[own] += j.T @ problem.residuals(log, states)
+            gradient[own] += j.T @ residuals
             curvature[np.ix_(own, own)] += j.T @ j
         return gradient, curvature
 
     low, high = bounds_of(problem.free)
     open_end = np.full(4 * count, np.inf)
-    found = minimise(
+    return minimise(
         evaluate, slopes,
         np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size,
         (np.append(low / scales, -open_end), np.append(high / scales, open_end)),
         rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
-    return GraySolution(problem, found.point, found.iterations, found.converged)
 
 
 def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatArray]:
@@ -255,9 +223,9 @@ def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatAr
     return out
 
 
-def moving_speeds(solution: GraySolution) -> FloatArray:
+def moving_speeds(point: GrayPoint) -> FloatArray:
     """Velocities while the piston moves, measured ones where it never does, ``(n,)`` [m/s]."""
-    v = np.concatenate([s[:, 3] for s in solution.states])
+    v = np.concatenate([s[:, 3] for s in point.states])
     if not v.any():
-        v = np.concatenate([log.guess[:, 3] for log in solution.problem.logs])
+        v = np.concatenate([log.guess[:, 3] for log in point.problem.logs])
     return np.asarray(v[v != 0.0])

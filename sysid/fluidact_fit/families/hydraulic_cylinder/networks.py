@@ -10,14 +10,13 @@ import numpy as np
 from ...errors import LogError
 from ...estimation.named_model import Values
 from ...experiment import BoolArray, FloatArray
-from ...family import Curve, PhysicsView, Quantity, StaticView, Value, scalars
+from ...family import Curve, PhysicsView, Quantity, Value, scalars
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import EDGES, chamber_flow
 from .case import Case
 from .windows import Windows
 
 NETWORKS = ("flow_1", "flow_2", "friction")
-_RAMP = 1.5  # how much shorter the windows of a fast ramp are; speed is noisier there
 _FEW = 5  # windows that a comparison needs
 _HIDDEN = {"flow": 10, "friction": 6}  # units of the networks
 _WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
@@ -99,20 +98,17 @@ def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[
 
 
 def _quiet_windows(case: Case) -> list[Windows]:
-    """Overlapping windows in which the command hardly moves, shorter ones where it ramps fast.
+    """Overlapping windows in which the command hardly moves.
 
     The mean flow belongs to the mean command only while the command stays on one side of an
     edge of the dead zone.
     """
+    windows = case.cut(overlap=8)
+    most = 0.03 * max(float(np.abs(w.command).max()) for w in windows)
     out = []
-    for shorter in (1.0, _RAMP):
-        found = case.cut(8, shorter)
-        most = 0.03 * max(float(np.abs(w.command).max()) for w in found)
-        for w in found:
-            spread = np.array([np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)])
-            # shorter ones only where a long one would be too long
-            needed = spread * shorter > most if shorter > 1.0 else True
-            out.append(w.chosen((spread <= most) & needed))
+    for w in windows:
+        spread = np.array([np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)])
+        out.append(w.chosen(spread <= most))
     return [w for w in out if w.first.size]
 
 
@@ -192,71 +188,47 @@ def _compare(
     return out
 
 
-def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
-    """Flow over the command near zero: measured, network, equations with a dead zone and without.
-
-    The pressure goes up and down with the command's history, so that no single one belongs to a
-    command: each curve is a running mean of what a model says of the measured windows.
-    ``None`` for a file without a network of the flow, and without a window near zero.
-    """
-    chamber = case.chambers[0]
-    net, values = network_of(parameters, f"flow_{chamber}"), scalars(parameters)
-    if net is None:
-        return None
-    windows = _quiet_windows(case)
-    reach = 2.0 * _near_zero(windows, values)
-    inputs, flow = _flow_rows([w for w in windows if w.chamber == chamber], values)
-    used = np.abs(inputs[:, 0]) <= reach
-    if not used.any():
-        return None
-    seen, pressure = inputs[used].T
-    command = np.linspace(seen.min(), seen.max(), 401)
-    fitted = net(inputs)
-    shut = {**values, **dict.fromkeys(EDGES, 0.0)}
-    models = {
-        "network": fitted[used],
-        "equations, no dead zone": chamber_flow(chamber, seen, pressure, shut, case.machine),
-        "equations": chamber_flow(chamber, seen, pressure, values, case.machine),
-    }
-    return StaticView(
-        "command", "V", f"flow_{chamber}", "m3/s", inputs[:, 0], flow, fitted, used,
-        [Curve(n, command, _running_mean(command, seen, m)) for n, m in models.items()],
-    )  # fmt: skip
-
-
-def _running_mean(command: FloatArray, seen: FloatArray, flow: FloatArray) -> FloatArray:
-    """Mean flow ``(n,)`` of the 2 % of the windows whose command ``(m,)`` is closest."""
-    near = max(seen.size // 50, 1)
-    closest = np.argpartition(np.abs(command[:, None] - seen), near - 1, axis=1)[:, :near]
-    return np.asarray(flow[closest].mean(axis=1))
-
-
-def flow_curve(case: Case, values: Values) -> PhysicsView | None:
+def flow_curve(case: Case, parameters: Mapping[str, Value]) -> PhysicsView | None:
     """Flow of a chamber over the command by the equations, and what was measured beside it.
 
-    The curve is at the median pressure of either direction. A point is the curve plus what the
+    A file with a network of the flow shows that as well, and the equations without a dead zone,
+    over the small commands where they differ.
+
+    The curves are at the median pressure of either direction. A point is the curve plus what the
     flow of a window exceeds that of the equations at its own pressure by. ``None`` where no window
     has a steady command.
     """
     if not case.chambers:
         return None
-    chamber = case.chambers[0]
+    chamber, values = case.chambers[0], scalars(parameters)
     windows = [w for w in _quiet_windows(case) if w.chamber == chamber]
-    if not sum(w.motion.size for w in windows):
+    if not windows:
         return None
     inputs, flow = _flow_rows(windows, values)
+    net = network_of(parameters, f"flow_{chamber}")
+    if net is not None:
+        small = np.abs(inputs[:, 0]) <= 2.0 * _near_zero(windows, values)
+        inputs, flow = inputs[small], flow[small]
+    if not flow.size:
+        return None
     seen, pressure = inputs.T
     out = seen >= 0.0
     middle = [float(np.median(pressure[way])) if way.any() else 0.0 for way in (out, ~out)]
-
-    def at_middle(command: FloatArray) -> FloatArray:
-        level = np.where(command >= 0.0, *middle)
-        return np.asarray(chamber_flow(chamber, command, level, values, case.machine))
-
-    beyond = flow - chamber_flow(chamber, seen, pressure, values, case.machine)
     command = np.linspace(seen.min(), seen.max(), 400)
+    level = np.where(command >= 0.0, *middle)
+
+    def equations(u: FloatArray, p: FloatArray, **changed: float) -> FloatArray:
+        return np.real(chamber_flow(chamber, u, p, {**values, **changed}, case.machine))
+
+    curves = [Curve("valve and line", command, equations(command, level))]
+    if net is not None:
+        shut = equations(command, level, **dict.fromkeys(EDGES, 0.0))
+        curves += [
+            Curve("valve and line, no dead zone", command, shut),
+            Curve("network", command, net(np.column_stack((command, level)))),
+        ]
+    at_middle = equations(seen, np.where(out, *middle)) + flow - equations(seen, pressure)
     return PhysicsView(
         f"Flow of chamber {chamber} over command", "command", "V", "flow", "m3/s",
-        Curve("measured", seen, at_middle(seen) + beyond),
-        [Curve("valve and line", command, at_middle(command))],
+        Curve("measured", seen, at_middle), curves,
     )  # fmt: skip

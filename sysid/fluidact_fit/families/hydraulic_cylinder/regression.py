@@ -20,7 +20,6 @@ from ...family import Quantity
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import LOSSES
 from .case import Case
-from .windows import Windows
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
 
@@ -56,17 +55,9 @@ def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
             if n.startswith(kind)}  # fmt: skip
 
 
-def not_shown(case: Case, dynamic: bool) -> list[Refusal]:
-    """Parameters of a direction in which the valve is never opened, or only wide open.
-
-    The windows hold what the flow shows. A ``dynamic`` fit uses every sample: a machine that
-    sticks most of the time has few windows, and still shows its losses in between. Its
-    covariance tells whether an edge can be told from a gain.
-    """
-    if dynamic:
-        levels = np.concatenate([e.sampled("command") for e in case.experiments])
-    else:
-        levels = np.concatenate([w.mean_command for w in case.windows])
+def not_shown(case: Case) -> list[Refusal]:
+    """Parameters of a direction in which the valve is never opened, or only wide open."""
+    levels = np.concatenate([w.mean_command for w in case.windows])
     out: list[Refusal] = []
     near = 0.25 * float(np.abs(levels).max())
     for way, (sign, word) in enumerate(((1.0, "positive"), (-1.0, "negative"))):
@@ -76,37 +67,26 @@ def not_shown(case: Case, dynamic: bool) -> list[Refusal]:
             reason = f"no usable part of the logs has a {word} command."
             out += [Refusal(n, reason) for n in (edge, *losses.values())]
             continue
-        if side.min() > near and not dynamic:
+        if side.min() > near:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
         reason = f"all {word} commands are the same: gain and loss cannot be told apart."
-        out += [
-            Refusal(n, reason)
-            for c, n in losses.items()
-            if _one_level(side if dynamic else _levels(case, c, sign))
-        ]
+        out += [Refusal(n, reason) for c, n in losses.items() if _one_level(case, c, sign)]
     return [r for r in out if r.parameter not in case.request.fixed]
 
 
-def _levels(case: Case, chamber: int, sign: float) -> FloatArray:
-    """Sizes of the commands of a sign in the windows of one chamber [V]."""
+def _one_level(case: Case, chamber: int, sign: float) -> bool:
+    """Return whether the windows of a chamber have only one size of command of a sign."""
     levels = [sign * w.mean_command for w in case.windows if w.chamber == chamber]
     size = np.concatenate(levels) if levels else np.zeros(0)
-    return np.asarray(size[size > 0.0])
-
-
-def _one_level(size: FloatArray) -> bool:
-    """Return whether there is only one size of command."""
+    size = size[size > 0.0]
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
-def fit_flow(case: Case, lenient: bool, windows: Sequence[Windows] | None = None) -> Fitted:
-    """Regression of the flow over windows, all by default.
-
-    ``lenient`` refuses nothing, for a start.
-    """
-    windows, unknowns = windows or case.windows, flow_unknowns(case)
+def fit_flow(case: Case, lenient: bool) -> Fitted:
+    """Regression of the flow over windows; ``lenient`` accepts any interval, for a start."""
+    windows, unknowns = case.windows, flow_unknowns(case)
     names = tuple(unknowns)
 
     def columns(index: int, values: Values) -> Basis:
@@ -129,7 +109,7 @@ def fit_flow(case: Case, lenient: bool, windows: Sequence[Windows] | None = None
         sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
     return fit_named(
         model, case.variant.parameters, case.request, unknowns, starts,
-        refusals=not_shown(case, dynamic=lenient), sensible=sensible,
+        refusals=not_shown(case), sensible=sensible,
     )  # fmt: skip
 
 

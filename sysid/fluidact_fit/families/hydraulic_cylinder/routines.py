@@ -30,6 +30,12 @@ from .networks import Network
 _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed
 
 
+def feeding_chamber(known: Sequence[int], extending: bool) -> int:
+    """Return the chamber that meters the flow in, or the other one where that is not known."""
+    wanted = 1 if extending else 2
+    return wanted if wanted in known else known[0]
+
+
 @dataclass(frozen=True)
 class CylinderRoutines:
     """Constants of the routines.
@@ -89,11 +95,6 @@ class CylinderRoutines:
         p = draft.argument(self.known[f"pressure_{chamber}"])
         return draft.returns(self._flow_value(draft, chamber, u, p))
 
-    def _feeding(self, chambers: Sequence[int], extending: bool) -> int:
-        """Chamber that meters the flow in; the other one where that is not known."""
-        wanted = 1 if extending else 2
-        return wanted if wanted in chambers else chambers[0]
-
     def _take(self, draft: Draft, chambers: Sequence[int]) -> dict[int, Expression]:
         return {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}
 
@@ -103,7 +104,7 @@ class CylinderRoutines:
         p = self._take(draft, chambers)
         ways = []
         for extending in (True, False):
-            i = self._feeding(chambers, extending)
+            i = feeding_chamber(chambers, extending)
             flow = self._one_way(i, u, p[i], extending)
             ways.append(flow * constant(f"per_area_{i}", 1.0 / self.machine.area(i)))
         return draft.returns(ways[0] - ways[1])
@@ -120,7 +121,7 @@ class CylinderRoutines:
         """Inverse of the speed; it ends at the range of the command and tells of that."""
         u = self.known["command"]
         draft = Draft("command_for", "Command for a speed and measured pressures.", u.unit)
-        feeding = {way: self._feeding(chambers, way) for way in (True, False)}
+        feeding = {way: feeding_chamber(chambers, way) for way in (True, False)}
         slowest, fastest = -self._fastest(feeding[False], False), self._fastest(feeding[True], True)
         speed = draft.argument(
             Argument("velocity", "m/s", "wanted speed", slowest, fastest, recorded=False)

@@ -95,7 +95,7 @@ def _all_states(
         log = make_gray_log(e, machine)
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
         box = GrayBox.following([log], machine, viscous, fall)
-        return solve_gray_box(GrayProblem(box, [log], (), sigma), values).states[0]
+        return solve_gray_box(GrayProblem(box, [log], (), sigma), values).point.states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(
         mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
