@@ -98,9 +98,8 @@ def _warn_of_slow_logs(fit: Fit) -> Iterator[Notice]:
 
     Their mean speed is known where that of a sample is lost in noise.
     """
-    law, offset = FrictionLaw.of(fit.solved.values), 0.0
-    if fit.options.force_offset:
-        offset = fit.derived()[fit.offset].number
+    law = FrictionLaw.of(fit.solved.values)
+    offset = fit.derived()[fit.offset].number if fit.options.force_offset else 0.0
     off = []
     for d in fit.data:
         m = d.motion
@@ -136,28 +135,23 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
     ]
     off, log, side = max(means, default=(0.0, "", ""))
     if len(fit.data) > 1 and off > 0.25 * half_range(fit.data):
+        cause = "pressure" if fit.axis is LINEAR else "load or temperature"
         yield Notice(
             "logs-disagree",
             f"the logs do not share one friction: in {log}, {side} direction, it is "
-            f"{fit.data[0].say(off)} off the common fit. "
-            + "Friction of seals rises with pressure: fit logs of different pressure separately."
-            * (fit.axis is LINEAR)
-            + "Fit logs of different load or temperature separately." * (fit.axis is not LINEAR),
+            f"{fit.data[0].say(off)} off the common fit. Fit logs of different {cause} "
+            f"separately. If the zero of the {fit.axis.sensor} differs from log to log, give "
+            "--offset=estimate.",
         )
 
 
 def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
     """Warn where viscous friction depends on the noise of the velocity that was subtracted."""
-    rates = [n for n in fit.options.rates if n in fit.found.free.names]
-    if not rates:
+    if not set(fit.options.rates) & set(fit.found.free.names):
         return
-    sides = [s for s in fit.ranges if rates[0] == "viscous" or f"viscous_{s}" in rates]
-    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in sides]
-    within = [v - v.mean() for v in speeds]
-    if rates[0] == "viscous":  # one value feels the spread of all speeds
-        within = [np.concatenate(within)]
-    shared = max(d.motion.shared for d in fit.data)
-    share = shared**2 / max(min(float(np.mean(v**2)) for v in within), 1e-300)
+    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in fit.ranges]
+    variance = float(np.var(np.concatenate([v - v.mean() for v in speeds])))
+    share = max(d.motion.shared for d in fit.data) ** 2 / max(variance, 1e-300)
     if share > 0.05:
         yield Notice(
             "velocity-noise",
@@ -171,12 +165,13 @@ def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
     """Details of the method, for the file; the instrument is the one in ``Z' (F - A x) = 0``."""
     order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)
-    instrument = "velocity of the neighbouring samples"
     if matched:
         instrument = f"slope of the {fit.axis.place}"
     elif any(d.motion.shared > 0.0 for d in fit.data):
         instrument = "the velocity itself"
-    elif not fit.found.instrumented:
+    elif fit.found.instrumented:
+        instrument = "velocity of the neighbouring samples"
+    else:
         instrument = "the velocity itself, whose noise shifts nothing"
     return {
         "method": "linear regression on moving samples",
