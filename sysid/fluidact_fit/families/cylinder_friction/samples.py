@@ -27,6 +27,7 @@ _FEWEST_STEADY = 50  # samples that show it
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
 _SHARP = 0.02  # of the highest speed that it is there at least
+_LARGER = 1.5  # times as far off as elsewhere that the force is at corners
 
 
 @dataclass(frozen=True)
@@ -333,7 +334,7 @@ def leave_out_turns(
     """Leave out samples about corners of the velocity that lie between two readings.
 
     Of a few ramps between readings far apart they have nearly all of the error. They are left out
-    where most of the samples that an estimate gives no weight are among them.
+    where the force is clearly further off there than elsewhere.
     """
     if not all(d.experiment.time.size for d in data):
         return data, options
@@ -345,10 +346,10 @@ def leave_out_turns(
     if count_kept(smooth) == count_kept(data) or min(count_sides(smooth).values()) == 0:
         return data, options
     names = [*(f"coulomb_{s}" for s in sides_moved(data)), *options.rates]
-    found = Estimator(FrictionBalance(data), names).solve()
-    off = [np.abs(r) > found.limit for r in found.residuals]
-    cornered = sum(int((o & ~s.kept[d.kept]).sum()) for o, d, s in zip(off, data, smooth))
-    if 2 * cornered > sum(int(o.sum()) for o in off):
+    law = FrictionLaw.of(Estimator(FrictionBalance(data), names).solve().values)
+    rest = np.concatenate([(d.friction - law.moving(d.motion.sharp))[d.kept] for d in data])
+    inside = np.concatenate([s.kept[d.kept] for d, s in zip(data, smooth)])
+    if np.std(rest[~inside]) > _LARGER * np.std(rest[inside]):
         return smooth, settled
     return data, options
 
