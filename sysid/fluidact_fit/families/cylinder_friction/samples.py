@@ -27,7 +27,7 @@ _FEWEST_STEADY = 50  # samples that show it
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
 _SHARP = 0.02  # of the highest speed that it is there at least
-_LARGER = 1.5  # times as far off as elsewhere that the force is at corners
+_LARGER = 1.3  # times as far off as elsewhere that the force is at corners
 
 
 @dataclass(frozen=True)
