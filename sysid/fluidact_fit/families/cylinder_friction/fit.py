@@ -280,9 +280,22 @@ class _Problem:
         if self.asked:
             return self._solve(held, [_MEAN, *self._offsets()])
         found = self._solve(held, LEVELS)
-        if possible and not self.options.is_settled and levels_impossible(found):
+        if possible and not self.options.is_settled and self._needs_offset(found):
             return self._solve(held, [_MEAN, *self._offsets()])
         return found
+
+    def _needs_offset(self, found: Regression) -> bool:
+        """Return whether a level is impossible in all logs together, or in a single one.
+
+        Offsets that differ from log to log do not show in the common fit.
+        """
+        logs = group_by_log(self.data)
+        alone = (
+            Estimator(FrictionBalance(d), LEVELS).solve()
+            for d in logs
+            if len(logs) > 1 and both_ways(d)
+        )
+        return levels_impossible(found) or any(map(levels_impossible, alone))
 
     def _offsets(self) -> list[str]:
         """One offset per log where every log shows both directions, else one for all."""

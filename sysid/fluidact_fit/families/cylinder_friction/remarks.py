@@ -140,18 +140,22 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
             "logs-disagree",
             f"the logs do not share one friction: in {log}, {side} direction, it is "
             f"{fit.data[0].say(off)} off the common fit. Fit logs of different {cause} "
-            f"separately. If the zero of the {fit.axis.sensor} differs from log to log, give "
-            "--offset=estimate.",
+            "separately.",
         )
 
 
 def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
     """Warn where viscous friction depends on the noise of the velocity that was subtracted."""
-    if not set(fit.options.rates) & set(fit.found.free.names):
+    rates = [n for n in fit.options.rates if n in fit.found.free.names]
+    if not rates:
         return
-    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in fit.ranges]
-    variance = float(np.var(np.concatenate([v - v.mean() for v in speeds])))
-    share = max(d.motion.shared for d in fit.data) ** 2 / max(variance, 1e-300)
+    sides = [s for s in fit.ranges if rates[0] == "viscous" or f"viscous_{s}" in rates]
+    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in sides]
+    within = [v - v.mean() for v in speeds]
+    if rates[0] == "viscous":  # one value feels the spread of all speeds
+        within = [np.concatenate(within)]
+    shared = max(d.motion.shared for d in fit.data)
+    share = shared**2 / max(min(float(np.mean(v**2)) for v in within), 1e-300)
     if share > 0.05:
         yield Notice(
             "velocity-noise",
