@@ -400,6 +400,13 @@ def test_constant_force_is_found_as_an_offset_only_where_it_must_be() -> None:
     assert np.mean((found.output - other["force"])[found.used]) == pytest.approx(0.0, abs=0.05)
 
 
+def test_offsets_that_cancel_over_the_logs_are_found_in_each() -> None:
+    logs = [record(TWO_SPEEDS, offset=30.0), record(TWO_SPEEDS, seed=1, offset=-30.0)]
+    e = fit(logs)
+    assert number(e, "coulomb_positive") == pytest.approx(7.0, abs=0.1)
+    assert [simulate(e, log).offset for log in logs] == pytest.approx([31.0, -29.0], abs=0.1)
+
+
 def test_force_of_the_wrong_sign_is_named() -> None:
     e = record(TWO_SPEEDS)
     wrong = make_experiment(e.time, force=-e["force"], position=e["position"])

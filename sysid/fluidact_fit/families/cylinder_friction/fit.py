@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.regression import Estimator, Regression
-from ...estimation.results import Refusal, Solved, determine
+from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
@@ -114,7 +114,7 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
                 lambda held: problem.solve({**held, "stribeck_speed": found.speed}).free,
                 (axis.force_unit, axis.speed_unit),
             )
-            or _undetermined(found.free, data, options.rates, ranges, noise)
+            or _undetermined(found.free, specs, data, ranges, noise)
         ),
         specs,
         fixed=fixed,
@@ -235,8 +235,8 @@ def _too_alike(name: str, reason: str) -> Refusal:
 
 def _undetermined(
     found: Solved,
+    specs: Mapping[str, ParameterSpec],
     data: Sequence[Data],
-    rates: Sequence[str],
     ranges: Mapping[str, tuple[float, float]],
     noise: float,
 ) -> list[Refusal]:
@@ -244,22 +244,14 @@ def _undetermined(
 
     The interval times the range of speeds is the force that is in doubt.
     """
-    doubts = {}
-    for name in (n for n in rates if n in found.names):
+    sensible = {}
+    for name in (n for n in ("viscous", *ONE_SIDED) if n in found.names):
         span = max(_speed_span(low, high, noise) for low, high in _of(name, ranges).values())
-        doubts[name] = found.half_width(name) * span
-    worst = max(doubts, key=lambda n: doubts[n], default="")
-    if not worst or doubts[worst] <= 0.5 * half_range(data):
-        return []
-    axis = data[0].axis
-    interval = f"{found.values[worst]:.3g} ± {found.half_width(worst):.2g} {axis.viscous}"
-    seen = _describe_speeds(_of(worst, ranges), axis)
-    return [_too_alike(
-        worst,
-        f"its 95 % interval would be {interval}; {seen}, over which that is "
-        f"{doubts[worst]:.2g} {axis.force_unit}. Noise or coarse steps of the {axis.drive} hide "
-        "it.",
-    )]  # fmt: skip
+        sensible[name] = 0.5 * half_range(data) / max(span, 1e-300)
+    for r in left_open(found, {n: specs[n] for n in sensible}, sensible):
+        seen = _describe_speeds(_of(r.parameter, ranges), data[0].axis)
+        return [_too_alike(r.parameter, f"{r.reason} Noise hides it: {seen}.")]
+    return []
 
 
 @dataclass(frozen=True)

@@ -98,9 +98,8 @@ def _warn_of_slow_logs(fit: Fit) -> Iterator[Notice]:
 
     Their mean speed is known where that of a sample is lost in noise.
     """
-    law, offset = FrictionLaw.of(fit.solved.values), 0.0
-    if fit.options.force_offset:
-        offset = fit.derived()[fit.offset].number
+    law = FrictionLaw.of(fit.solved.values)
+    offset = fit.derived()[fit.offset].number if fit.options.force_offset else 0.0
     off = []
     for d in fit.data:
         m = d.motion
@@ -136,13 +135,12 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
     ]
     off, log, side = max(means, default=(0.0, "", ""))
     if len(fit.data) > 1 and off > 0.25 * half_range(fit.data):
+        cause = "pressure" if fit.axis is LINEAR else "load or temperature"
         yield Notice(
             "logs-disagree",
             f"the logs do not share one friction: in {log}, {side} direction, it is "
-            f"{fit.data[0].say(off)} off the common fit. "
-            + "Friction of seals rises with pressure: fit logs of different pressure separately."
-            * (fit.axis is LINEAR)
-            + "Fit logs of different load or temperature separately." * (fit.axis is not LINEAR),
+            f"{fit.data[0].say(off)} off the common fit. Fit logs of different {cause} "
+            "separately.",
         )
 
 
@@ -171,12 +169,13 @@ def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
     """Details of the method, for the file; the instrument is the one in ``Z' (F - A x) = 0``."""
     order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)
-    instrument = "velocity of the neighbouring samples"
     if matched:
         instrument = f"slope of the {fit.axis.place}"
     elif any(d.motion.shared > 0.0 for d in fit.data):
         instrument = "the velocity itself"
-    elif not fit.found.instrumented:
+    elif fit.found.instrumented:
+        instrument = "velocity of the neighbouring samples"
+    else:
         instrument = "the velocity itself, whose noise shifts nothing"
     return {
         "method": "linear regression on moving samples",

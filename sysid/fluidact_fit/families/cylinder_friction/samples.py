@@ -27,6 +27,7 @@ _FEWEST_STEADY = 50  # samples that show it
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
 _SHARP = 0.02  # of the highest speed that it is there at least
+_LARGER = 1.3  # times as far off as elsewhere that the force is at corners
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,8 @@ class Data:
     ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
     ``(n,)`` [N]; ``reading`` is what was logged of the drive and ``resolution`` its step [N];
-    ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
-    the samples outside the dead band, ``kept`` those that are fitted. The output is the drive
-    divided by ``scale``; ``driven`` says whether it was recorded.
+    ``moving`` marks the samples outside the dead band, ``kept`` those that are fitted. The output
+    is the drive divided by ``scale``; ``driven`` says whether it was recorded.
     """
 
     experiment: Experiment
@@ -48,7 +48,6 @@ class Data:
     matched: FloatArray
     reading: FloatArray
     resolution: float
-    direction: FloatArray
     moving: BoolArray
     kept: BoolArray
     scale: float
@@ -69,29 +68,11 @@ class Data:
         """Mask of the kept samples that move in a direction."""
         return self.speed > 0.0 if side == "positive" else self.speed < 0.0
 
-    def _smoothed(self, force: FloatArray) -> FloatArray:
-        return match_force(self.experiment, self.motion, force)
-
-    def _forward(self, speed: FloatArray) -> FloatArray:
-        """Part of a regressor that is motion in the positive direction, shape ``(n,)`` [m/s].
-
-        The slope of a position is a mean over its window. Where the motion reverses in it,
-        some of the mean belongs to either direction.
-        """
-        ahead = self.motion.velocity > 0.0
-        if not self.motion.reach:
-            return np.where(ahead, speed, 0.0)
-        sharp = self.motion.sharp
-        own = self._smoothed(np.maximum(sharp, 0.0))
-        return own + np.where(ahead, speed - self._smoothed(sharp), 0.0)
-
-    def _columns(self, speed: FloatArray, rise: Sequence[FloatArray], at: BoolArray,
-                 matched: bool) -> dict[str, FloatArray]:  # fmt: skip
-        """Columns at some samples, of the equation as it is or smoothed with the regressor."""
-        sign = self.direction if matched else np.sign(self.motion.velocity)
-        forward = self._forward(speed) if matched else np.where(sign > 0.0, speed, 0.0)
-        rise = [(self._smoothed(c) if matched else c)[at] for c in rise]
-        out = friction_columns(sign[at], speed[at], rise, forward[at])
+    def _columns(
+        self, speed: FloatArray, rise: Sequence[FloatArray], at: BoolArray
+    ) -> dict[str, FloatArray]:
+        """Columns of the equation at some samples; no window of a fitted one holds a reversal."""
+        out = friction_columns(np.sign(self.motion.velocity[at]), speed[at], [c[at] for c in rise])
         one = np.ones(int(at.sum()))
         out |= {"offset": one, f"offset[{self.experiment.log}]": one}
         if self.motion.acceleration is not None:
@@ -102,16 +83,17 @@ class Data:
         """The run as a balance of forces about a Stribeck level and speed."""
         m, kept = self.motion, self.kept
         bare = m.sharp if m.reach else m.regressor
+        noise = m.raw if rise.speed > 0.0 else 0.0
 
-        def rising(speed: FloatArray, noise: float) -> list[FloatArray]:
+        def rising(speed: FloatArray, noise: float = 0.0) -> list[FloatArray]:
             share, by_speed, _ = rise.shares(speed, noise)
             sign = np.sign(m.velocity)
             return [sign * share, rise.level * sign * by_speed]
 
-        noise = m.raw if rise.speed > 0.0 else 0.0
-        columns = self._columns(m.regressor, rising(bare, noise), kept, True)
+        smoothed = [match_force(self.experiment, m, c) for c in rising(bare, noise)]
+        columns = self._columns(m.regressor, smoothed, kept)
         own = m.regressor is not m.velocity  # an instrument other than the column itself
-        instruments = self._columns(m.velocity, rising(m.velocity, 0.0), kept, True) if own else {}
+        instruments = self._columns(m.velocity, rising(m.velocity), kept) if own else {}
         felt = m.shared if m.reach else m.raw
         by_velocity = np.sign(m.velocity) * rise.shares(bare, noise)[2]
         adds: dict[str, FloatArray] = {
@@ -123,10 +105,10 @@ class Data:
         evidence: list[Evidence] = []
         if m.reach:
             at = reached(kept, m.kernel.size)
-            plain = self._columns(bare, rising(bare, noise), at, False)
+            plain = self._columns(bare, rising(bare, noise), at)
             evidence = [Evidence(plain, self.friction[at])]
         elif own:
-            quiet = self._columns(m.sharp, rising(m.sharp, 0.0), kept, False)
+            quiet = self._columns(m.sharp, rising(m.sharp), kept)
             evidence = [Evidence(columns, self.matched[kept]), Evidence(quiet, self.matched[kept])]
         return Balance(
             columns, self.matched[kept], kept, instruments, (adds,), shared,
@@ -192,29 +174,25 @@ def _choose_deadband(motions: Sequence[Motion]) -> float:
 
 
 def _moving(motion: Motion, deadband: float) -> BoolArray:
-    """Samples that move, and whose filter window holds no rest, shape ``(n,)``.
+    """Samples that move, and whose filter window holds no rest or reversal, shape ``(n,)``.
 
-    Near a rest the filter spreads motion over samples at rest. A reversal without a pause has
-    no rest: only what lies within the dead band there is left out, unless the matched force
-    is a mean over it. Beside a reversal a speed smoothed from its neighbours may be on the wrong
-    side of zero, where the velocity turns sharply; its own reading decides with it.
+    Near a rest the filter spreads motion over samples at rest. On the way from one direction to
+    the other there is no rest: only what lies within the dead band there is left out, unless the
+    matched force is a mean over it. Beside a reversal a speed smoothed from its neighbours may be
+    on the wrong side of zero, where the velocity turns sharply; its own reading decides with it.
     """
     v = motion.velocity
     turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
-    unsure = (turns[1:] | turns[:-1]) & (np.abs(motion.regressor) <= 0.5 * deadband)
-    idle, kept = (np.abs(v) <= deadband) | unsure, motion.inside.copy()
+    beside = turns[1:] | turns[:-1]
+    if not motion.reach:
+        beside &= np.abs(motion.regressor) <= 0.5 * deadband
+    idle, kept = (np.abs(v) <= deadband) | beside, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
         reach = motion.reach
         if not _passes(v, begin, end):
             reach = max(reach, motion.half)
         kept[max(begin - reach, 0) : end + reach] = False
-    if motion.reach:  # reversals that follow each other so fast leave no cubic to match
-        turns = np.concatenate(([0], np.cumsum(np.sign(v[1:]) != np.sign(v[:-1]))))
-        at, last = np.arange(v.size), v.size - 1
-        span = 2 * motion.reach
-        after, before = np.minimum(at + span, last), np.maximum(at - span, 0)
-        kept &= turns[after] - turns[before] <= 1
     return kept
 
 
@@ -271,7 +249,6 @@ def prepare(
             matched = match_force(e, motion, rest) - inertia
         else:
             matched = match_force(e, motion, rest - inertia)
-        direction = match_force(e, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & described(motion, options)
@@ -280,7 +257,7 @@ def prepare(
         reading = rest if drive is None else drive
         out.append(
             Data(e, motion, pressure + inertia, rest - inertia, matched, reading, resolution,
-                 direction, moving, kept, scale, driven, axis_of(variant))
+                 moving, kept, scale, driven, axis_of(variant))
         )  # fmt: skip
     return out, options
 
@@ -357,7 +334,7 @@ def leave_out_turns(
     """Leave out samples about corners of the velocity that lie between two readings.
 
     Of a few ramps between readings far apart they have nearly all of the error. They are left out
-    where most of the samples that an estimate gives no weight are among them.
+    where the force is clearly further off there than elsewhere.
     """
     if not all(d.experiment.time.size for d in data):
         return data, options
@@ -369,10 +346,10 @@ def leave_out_turns(
     if count_kept(smooth) == count_kept(data) or min(count_sides(smooth).values()) == 0:
         return data, options
     names = [*(f"coulomb_{s}" for s in sides_moved(data)), *options.rates]
-    found = Estimator(FrictionBalance(data), names).solve()
-    off = [np.abs(r) > found.limit for r in found.residuals]
-    cornered = sum(int((o & ~s.kept[d.kept]).sum()) for o, d, s in zip(off, data, smooth))
-    if 2 * cornered > sum(int(o.sum()) for o in off):
+    law = FrictionLaw.of(Estimator(FrictionBalance(data), names).solve().values)
+    rest = np.concatenate([(d.friction - law.moving(d.motion.sharp))[d.kept] for d in data])
+    inside = np.concatenate([s.kept[d.kept] for d, s in zip(data, smooth)])
+    if np.std(rest[~inside]) > _LARGER * np.std(rest[inside]):
         return smooth, settled
     return data, options
 

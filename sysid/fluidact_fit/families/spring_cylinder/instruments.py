@@ -18,7 +18,6 @@ from ...signals import smooth
 REACH = 5  # samples on either side that a velocity is computed from, at most
 _DEGREE = 4  # of the polynomial: its velocity is exact to the fourth power of the position's
 _FLATTENED = 1e-3  # part of the velocity that a window may lose, or what cannot be seen of it
-_ALL = 0.9  # part of the standard deviation of a column beyond which noise is all there is
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def find_instruments(
         return {}  # rows without time have no neighbours
     out = {}
     for name, values in (("drive", drive), ("position", position), ("velocity", motion.rate)):
-        if (name != "velocity" or "velocity" in e) and (sigma := _noise(values)):
+        if (name != "velocity" or "velocity" in e) and (sigma := white_noise(values)):
             out[name] = Instrument(_mean_of_neighbours(values), sigma)
     if "position" in out and "velocity" not in e:
         slope = _slope_around(position)
@@ -99,12 +98,6 @@ def find_instruments(
         share = float(slope[motion.inside] @ motion.rate[motion.inside]) / size
         out["velocity"] = Instrument(share * slope, out["position"].noise * motion.gain)
     return out
-
-
-def _noise(values: FloatArray) -> float:
-    """White noise of a column [its unit]; 0 too where it is nothing else: there is no telling."""
-    sigma = white_noise(values)
-    return 0.0 if sigma > _ALL * float(values.std()) else sigma
 
 
 def _mean_of_neighbours(values: FloatArray) -> FloatArray:
