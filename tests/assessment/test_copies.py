@@ -78,7 +78,7 @@ def test_a_right_model_is_quiet_although_its_force_is_noisy(tmp_path):
         table, named = missing(force(tmp_path / str(seed), seed))
         said += named
         deviations += [entry["deviations"] for entry in table.values()]
-        assert {"dead_time", "turbulent losses", "characteristic of force"} <= set(table)
+        assert {"dead_time", "dry friction", "characteristic of force"} <= set(table)
         bows += "bow of force" in table
     assert said == 0
     assert bows >= RIGHT - 1  # one that the noise hides is left out
@@ -89,7 +89,7 @@ def test_a_right_model_is_quiet_although_its_force_is_noisy(tmp_path):
     ("name", "machine"),
     [
         ("dead_time", {"truth": {**hydrostatic.TRUTH, "dead_time": 0.02}}),
-        ("turbulent losses", {"machine": partial(hydrostatic.differ, turbulent=3e5)}),
+        ("dry friction", {"machine": partial(hydrostatic.differ, friction=2.0)}),
         ("soft edges of the dead zone", {"machine": partial(hydrostatic.differ, soft=0.5)}),
     ],
 )

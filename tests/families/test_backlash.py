@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 import fluidact_fit as ff
 from fluidact_fit.control import make_block
 from fluidact_fit.errors import NotIdentifiedError
-from fluidact_fit.estimation.reading_errors import ReadingErrors, choose_smoothing, smooth_sharply
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.backlash import BacklashBlock, PlayModel, follow
 from fluidact_fit.result import FitResult
@@ -180,29 +179,28 @@ def test_reversals_just_short_of_the_play_are_refused() -> None:
 
 
 @pytest.mark.parametrize("drive_noise", [2e-6, 2e-5, 6e-5])
-def test_noise_of_the_drive_does_not_widen_the_play(drive_noise: float) -> None:
-    """Unsmoothed the width comes out 2 to 3 standard deviations of the noise too large."""
-    scores = []
+def test_noise_of_the_drive_is_in_the_interval_or_is_warned_of(drive_noise: float) -> None:
+    """A slow drive with noise looks like 2 to 3 standard deviations more play."""
     for seed in range(5):
         result = ff.fit("backlash", [stroke(seed, drive_noise=drive_noise)])
         p = result.parameters["backlash"]
-        scores.append((p.number - PLAY) / p.std_error)
-    assert np.abs(scores).max() < 3.5
-    assert abs(np.mean(scores)) < 1.8
+        off = abs(p.number - PLAY) / p.std_error
+        assert off < 3.5 or codes(result) & {"input-noise-left", "unmodelled-response"}
 
 
-def test_smoothing_keeps_reversals_sharp() -> None:
-    rng = np.random.default_rng(3)
-    x = np.abs(np.mod(np.arange(900) / 150.0, 2.0) - 1.0)
-    noisy = x + 1e-3 * rng.standard_normal(x.size)
-    half = choose_smoothing([noisy])
-    assert half is not None
-    rest = smooth_sharply(noisy, half) - x
-    assert np.sqrt(np.mean(rest**2)) < 0.6e-3
-    assert np.abs(rest).max() < 4e-3  # a parabola through a kink misses it by 0.2 of its width
-    assert choose_smoothing([x]) is None
-    assert ReadingErrors.of(noisy).noise == pytest.approx(1e-3, rel=0.15)
-    assert ReadingErrors.of(np.round(x / 7e-4) * 7e-4).step == pytest.approx(7e-4)
+def test_noise_of_the_drive_that_widens_the_play_is_warned_of() -> None:
+    result = ff.fit("backlash", [stroke(1, drive_noise=2e-4)])
+    assert "input-noise-left" in codes(result)
+    assert result.parameters["backlash"].number > 1.03 * PLAY
+
+
+def test_codes_of_the_drive_widen_the_interval_of_the_play() -> None:
+    """Each reversal is known no better than the drive was read there."""
+    log, step = stroke(), 2e-4
+    coded = {**log, "drive_position": np.round(log["drive_position"] / step) * step}
+    exact, found = (ff.fit("backlash", [x]).parameters["backlash"] for x in (log, coded))
+    assert found.std_error > 3.0 * exact.std_error
+    assert abs(found.number - PLAY) < 3.5 * found.std_error
 
 
 @pytest.mark.parametrize(

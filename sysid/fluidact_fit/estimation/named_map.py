@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..experiment import Array, FloatArray
-from ..specification import ParameterSpec, Request
+from ..errors import Notice
+from ..experiment import Array, Experiment, FloatArray
+from ..options import FamilyOptions
+from ..specification import ParameterSpec, Quantity, Request, Simulate, Variant
 from .map import (
     AT_ODDS,
     DirectionEffect,
@@ -28,7 +30,9 @@ from .map import (
 )
 from .problem import STEP
 from .results import Refusal, Solved, determine, left_open
+from .solution import NoiseModel, Solution, make_solution
 
+OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 Law = Callable[[Mapping[str, Any], FloatArray], Array]
 
 
@@ -80,6 +84,14 @@ class NamedRows:
     ends: tuple[int, ...]
     in_order: bool
 
+    @classmethod
+    def of(
+        cls, inputs: Sequence[FloatArray], outputs: Sequence[FloatArray], in_order: bool
+    ) -> NamedRows:
+        """Rows of logs whose inputs are ``(n_i, inputs)`` and outputs ``(n_i,)``."""
+        ends = tuple(np.cumsum([y.size for y in outputs]).tolist())
+        return cls(np.vstack(inputs), np.concatenate(outputs), ends, in_order)
+
     def by_log(self, values: Array) -> list[Array]:
         """Rows of every log."""
         return np.split(values, self.ends[:-1])
@@ -113,6 +125,25 @@ class NamedFit:
         """Difference between rising and falling inputs; ``rising`` is 0 to 1, shape ``(n,)``."""
         parts = (self.data.by_log(v) for v in (self.jacobian, self.residual, rising))
         return find_direction_effect(*parts)
+
+    def solution(
+        self,
+        simulate: Simulate,
+        experiments: Sequence[Experiment],
+        variant: Variant,
+        options: OptionsT,
+        notices: Sequence[Notice],
+        derived: Mapping[str, Quantity] | None = None,
+    ) -> Solution[OptionsT]:
+        """Return the solution to examine and write; ``options`` are settled."""
+        parameters, order, matrix = self.solved.quantities(variant.parameters, experiments[0].units)
+        return make_solution(
+            simulate, experiments, variant, options, parameters, order,
+            NoiseModel(matrix, self.solved.independent),
+            jacobians=[{variant.output.name: j} for j in self.data.by_log(self.jacobian)],
+            derived=derived, notices=[*self.notices, *notices],
+            details={"starts": self.fit.tried, "agreeing": self.fit.agreeing},
+        )  # fmt: skip
 
 
 def fit_named_map(

@@ -29,18 +29,12 @@ import numpy.typing as npt
 from ..block import SteppedBlock
 from ..errors import Notice
 from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
-from ..estimation.noise import noise_floor
+from ..estimation.noise import common_step, noise_floor, white_noise
 from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis, Slopes
-from ..estimation.reading_errors import (
-    ReadingErrors,
-    allow_for_readings,
-    choose_smoothing,
-    smooth_sharply,
-)
 from ..estimation.recursion import behind_play, clamped
 from ..estimation.results import refuse
-from ..experiment import Experiment, FloatArray, Hold, IndexArray
+from ..experiment import Experiment, FloatArray, Hold, IndexArray, Signal
 from ..family import (
     Curve,
     Excitation,
@@ -59,23 +53,16 @@ from ..family import (
     Variant,
     make_solution,
 )
-from ..options import settled
 from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
 
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
 _LED = 0.5  # of the squared residual: what a negative play leaves at most where the load leads
+_DRAWS = 12  # of the errors of the drive's readings
+_COUNTS = 0.1  # of a variance, from which on a profile of the cost says too little
+_CODES = 3.0  # steps of a converter that a motion goes at once, unless it was commanded in them
 _MATTERS = 0.25  # half-widths of the interval by which noise may shift it
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
-
-
-@dataclass(frozen=True)
-class BacklashOptions(FamilyOptions):
-    """Options that the fit settles."""
-
-    smoothing: int | None = settled(
-        "int", "samples on either side over which noise of the drive was smoothed", minimum=1
-    )
 
 
 @dataclass(frozen=True)
@@ -180,7 +167,7 @@ class PlayModel:
         return {"ratio": ratio, "backlash": abs(ratio) * width}, float(rest @ rest)
 
 
-class Backlash(Family[BacklashOptions]):
+class Backlash(Family[FamilyOptions]):
     """Play between a drive and its load, and their ratio, from slow strokes both ways."""
 
     name = "backlash"
@@ -212,18 +199,16 @@ class Backlash(Family[BacklashOptions]):
             ),
         ),
     )  # fmt: skip
-    options_type = BacklashOptions
+    options_type = FamilyOptions
     steady_offset = True
 
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request[BacklashOptions]
-    ) -> Solution[BacklashOptions]:
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[FamilyOptions]
+    ) -> Solution[FamilyOptions]:
         """Fit play and ratio; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        drives = [e.sampled("drive_position") for e in experiments]
-        options = replace(request.options, smoothing=choose_smoothing(drives))
         model = PlayModel(
-            [smooth_sharply(x, options.smoothing) for x in drives],
+            [e.sampled("drive_position") for e in experiments],
             [e.sampled("load_position") for e in experiments],
         )
         _refuse_rest(model, variant, experiments[0], request.fixed)
@@ -245,12 +230,12 @@ class Backlash(Family[BacklashOptions]):
             idle={"backlash": size * max(map(_way_back, model.drives))},
         )  # fmt: skip
         _refuse_lead(fitted, variant)
-        fitted = _allow_for_readings(model, fitted, experiments, options.smoothing)
+        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive_position"])
         units = experiments[0].units
         parameters, order, matrix = fitted.quantities(variant.parameters, units)
         logs, notices = fitted.compare_logs(experiments)
         return make_solution(
-            self.simulate, experiments, variant, options, parameters, order,
+            self.simulate, experiments, variant, request.options, parameters, order,
             NoiseModel(matrix, fitted.independent),
             jacobians=[{"load_position": j} for j in fitted.sensitivity()],
             derived=fitted.derive({"lost_motion": units["drive_position"]}, _lost_motion),
@@ -259,7 +244,7 @@ class Backlash(Family[BacklashOptions]):
 
     def simulate(
         self,
-        plant: Plant[BacklashOptions],
+        plant: Plant[FamilyOptions],
         experiments: Sequence[Experiment],
         offset: float | None = None,
     ) -> list[Simulated]:
@@ -277,7 +262,7 @@ class Backlash(Family[BacklashOptions]):
             out.append(Simulated(output, offset=level))
         return out
 
-    def unmodelled_effects(self, plant: Plant[BacklashOptions]) -> Sequence[UnmodelledEffect]:
+    def unmodelled_effects(self, plant: Plant[FamilyOptions]) -> Sequence[UnmodelledEffect]:
         """A load that moves inside the play; see :meth:`Family.unmodelled_effects`."""
         return [
             UnmodelledEffect(
@@ -288,9 +273,7 @@ class Backlash(Family[BacklashOptions]):
             )
         ]  # fmt: skip
 
-    def model(
-        self, plant: Plant[BacklashOptions], sample_time: float, hold: Hold
-    ) -> dict[str, Any]:
+    def model(self, plant: Plant[FamilyOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The play as a controller runs it."""
         v = plant.numbers
         lost = v["backlash"] / abs(v["ratio"])
@@ -306,7 +289,7 @@ class Backlash(Family[BacklashOptions]):
 
     def static_view(
         self,
-        plant: Plant[BacklashOptions],
+        plant: Plant[FamilyOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
     ) -> StaticView:
@@ -334,41 +317,32 @@ def _lost_motion(v: Values) -> dict[str, Any]:
     return {"lost_motion": v["backlash"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
 
 
-def _drive(e: Experiment, options: BacklashOptions) -> FloatArray:
-    return smooth_sharply(e.sampled("drive_position"), options.smoothing)
-
-
 def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) -> Followed:
     v = plant.numbers
-    return follow(_drive(e, plant.options), v["ratio"], v["backlash"], load)
+    return follow(e.sampled("drive_position"), v["ratio"], v["backlash"], load)
 
 
-def _allow_for_readings(
-    model: PlayModel, fitted: Fitted, experiments: Sequence[Experiment], smoothing: int | None
-) -> Fitted:
-    """Add what errors of the drive's readings do, smoothed as they are; warn of a shift."""
-    errors = [ReadingErrors.of(e.sampled("drive_position")) for e in experiments]
-    ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
+def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitted:
+    """Add to the covariance what errors of the drive's readings do; warn where they shift the play.
 
-    def change(rng: np.random.Generator) -> list[FloatArray]:
-        """Return how another reading of the drive moves the load."""
-        out = []
-        for x, y, error in zip(model.drives, model.loads, errors):
-            right = follow(x, ratio, backlash, y)
-            drawn = smooth_sharply(error.draw(x, rng), smoothing)
-            moved = follow(drawn, ratio, backlash, right.path).path - right.path
-            moved[: right.begins] = np.mean(moved[right.begins :]) if right.begins < x.size else 0.0
-            out.append(moved - np.mean(moved))
+    The readings are disturbed once more by as much as they are already, and the parameters explain
+    how the load moves then. Profiled intervals are dropped where these errors count.
+    """
+    if not fitted.names:
+        return fitted
+    rng, table = np.random.default_rng(0), np.vstack(fitted.sensitivity())
+    errors = [_reading_errors(x) for x in model.drives]
+    changes = (np.concatenate(_disturbed(model, fitted, errors, rng)) for _ in range(_DRAWS))
+    moved = np.array([np.linalg.lstsq(table, change, rcond=None)[0] for change in changes])
+    spread = np.atleast_2d(np.cov(moved.T))
+    total = fitted.covariance + spread
+    counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
+    out = replace(fitted, covariance=total, intervals={} if counts else fitted.intervals)
+    # a load that follows more noise lies higher: the estimate makes up for it
+    shift = -dict(zip(fitted.names, moved.mean(axis=0).tolist())).get("backlash", 0.0)
+    if not shift or abs(shift) <= _MATTERS * (sure := out.half_width("backlash")):
         return out
-
-    out, shifts = allow_for_readings(fitted, change)
-    if "backlash" not in shifts:
-        return out
-    shift, sure = shifts["backlash"], out.half_width("backlash")
-    if abs(shift) <= _MATTERS * sure:
-        return out
-    signal = experiments[0].signals["drive_position"]
-    noise = signal.text(max(max(e.noise, e.step) for e in errors), ".2g")
+    noise = drive.text(max(map(max, errors)), ".2g")
     text = (
         f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
         f"backlash comes out too {'wide' if shift > 0.0 else 'narrow'} by {abs(shift):.2g} or "
@@ -378,12 +352,39 @@ def _allow_for_readings(
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
 
 
+def _reading_errors(readings: FloatArray) -> tuple[float, float]:
+    """White noise of readings, and the step of their codes, 0 where they show none [their unit]."""
+    steps = np.abs(np.diff(readings))
+    steps = steps[steps != 0.0]
+    step, noise = common_step(steps), white_noise(readings)
+    coded = steps.size and step > noise and np.median(steps) >= _CODES * step
+    return noise, step if coded else 0.0
+
+
+def _disturbed(
+    model: PlayModel, fitted: Fitted, errors: Sequence[tuple[float, float]],
+    rng: np.random.Generator,
+) -> list[FloatArray]:  # fmt: skip
+    """Change of every load, shape ``(n,)``, with other errors of its drive; the mean left out."""
+    ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
+    out = []
+    for x, y, (noise, step) in zip(model.drives, model.loads, errors):
+        now = follow(x, ratio, backlash, y)
+        # strokes of one speed meet codes in a pattern: all readings of a direction share an error
+        coding = step * rng.uniform(-0.5, 0.5, 2)[(np.gradient(x) > 0.0).astype(int)]
+        drawn = x + coding + noise * rng.standard_normal(x.size)
+        moved = follow(drawn, ratio, backlash, now.path).path - now.path
+        moved[: now.begins] = np.mean(moved[now.begins :]) if now.begins < x.size else 0.0
+        out.append(moved - np.mean(moved))
+    return out
+
+
 def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any) -> list[Any]:
     """Distance of the drive from the middle of the play: a spring takes a share of it along."""
     out = []
     for e in experiments:
         f = _follow(plant, e, e.sampled("load_position"))
-        place = plant.numbers["ratio"] * _drive(e, plant.options) - f.path
+        place = plant.numbers["ratio"] * e.sampled("drive_position") - f.path
         place[: f.begins] = 0.0
         out.append({"load_position": place})
     return out
@@ -480,7 +481,7 @@ class BacklashBlock(SteppedBlock):
     def predict(self, experiment: Experiment) -> FloatArray:
         """Load of a recording from its drive; see :meth:`.Block.predict`."""
         v = self.numbers()
-        x = _drive(experiment, self.document.settled_options(BacklashOptions))
+        x = experiment.sampled("drive_position")
         return follow(x, v["ratio"], v["backlash"]).path + self.offset
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:

@@ -37,7 +37,6 @@ from ..family import (
     Excitation,
     Family,
     FamilyOptions,
-    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -48,7 +47,6 @@ from ..family import (
     StaticView,
     Structure,
     Variant,
-    make_solution,
 )
 from ..options import number
 from ..routines import (
@@ -238,17 +236,8 @@ class FlowMap(Family[FlowMapOptions]):
             },
             refusals=_never_recorded(u, q), optional=_unsaturated(u),
         )  # fmt: skip
-        parameters, order, matrix = found.solved.quantities(
-            variant.parameters, experiments[0].units
-        )
-        slopes = [{"flow": j} for j in data.by_log(found.jacobian)]
-        return make_solution(
-            self.simulate, experiments, variant, options, parameters, order,
-            NoiseModel(matrix, found.solved.independent),
-            jacobians=slopes,
-            notices=[*found.notices, *_notices(found, experiments[0].units["flow"], most)],
-            details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
-        )  # fmt: skip
+        notices = _notices(found, experiments[0].units["flow"], most)
+        return found.solution(self.simulate, experiments, variant, options, notices)
 
     def simulate(
         self,
@@ -318,12 +307,13 @@ def _inputs(e: Experiment, options: FlowMapOptions) -> FloatArray:
 
 
 def _gather(experiments: Sequence[Experiment], options: FlowMapOptions) -> NamedRows:
-    x = np.vstack([_inputs(e, options) for e in experiments])
-    y = np.concatenate([e.sampled("flow") for e in experiments])
-    ends = tuple(np.cumsum([e.samples for e in experiments]).tolist())
-    steps = np.sign(np.diff(x[:, 0]))
+    steps = np.diff(np.concatenate([e.sampled("command") for e in experiments]))
     timed = all(e.time.size > 0 for e in experiments)
-    return NamedRows(x, y, ends, timed or bool((steps > 0.0).any() and (steps < 0.0).any()))
+    return NamedRows.of(
+        [_inputs(e, options) for e in experiments],
+        [e.sampled("flow") for e in experiments],
+        timed or bool((steps > 0.0).any() and (steps < 0.0).any()),
+    )
 
 
 def _starts(u: FloatArray, q: FloatArray, held: Mapping[str, float]) -> list[dict[str, float]]:
@@ -349,11 +339,8 @@ def _never_recorded(u: FloatArray, q: FloatArray) -> list[Refusal]:
     out, recorded = [], False
     for side, sign in SIDES:
         if np.count_nonzero(sign * u > 0.0) < 3:
-            reason = f"the command is never {side}."
-            out += [
-                Refusal(f"{name}_{side}", reason, hold)
-                for name, hold in (("dead_band", 0.0), ("gain", 0.0), ("saturation", 0.0))
-            ]
+            names = (f"{kind}_{side}" for kind in ("dead_band", "gain", "saturation"))
+            out += [Refusal(name, f"the command is never {side}.") for name in names]
         else:
             recorded = True
     if not recorded or np.ptp(q) == 0.0:

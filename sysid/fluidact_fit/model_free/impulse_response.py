@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 
+from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray
 
 _TAPS = 100  # of an impulse response
@@ -31,7 +32,7 @@ _LASTING = 0.2  # of the largest rate, that is left of one that lasts
 _DECAYS = 1.0 - np.geomspace(0.004, 0.5, 14)  # lambda, per tap
 _SIZES = np.geomspace(1e-4, 1e8, 73)  # gamma, of scaled signals
 _SETTLED = 0.02  # of the largest step response, that is left in the last taps
-_ORDER = 12  # of the autoregression of the residual
+_ORDER = 12  # of the autoregression of the residual, at most
 _TWO_SIDED = 1.959964  # standard deviations of a 95 % interval
 
 Runs = Sequence[tuple[FloatArray, FloatArray]]
@@ -248,8 +249,8 @@ def _fit(runs: Runs, thin: int, stride: int, *, drift: bool) -> _Fit | None:
     tables = _tables(runs, plain)
     first = _regularised(tables, plain)
     ratio = y_scale / u_scale
-    colour = _autoregression([y - x @ (first.taps / ratio) for x, y in tables])
-    white = [(_filtered(x, colour), _filtered(y, colour)) for x, y in tables]
+    colour, _ = fit_autoregression([y - x @ (first.taps / ratio) for x, y in tables], _ORDER)
+    white = [(innovations(x, colour), innovations(y, colour)) for x, y in tables]
     second = _regularised(white, replace(plain, colour=colour))
     left = np.concatenate([y - x @ (second.taps / ratio) for x, y in white])
     return replace(second, innovation=y_scale * float(np.sqrt(np.mean(left**2))))
@@ -260,7 +261,7 @@ def _tables(runs: Runs, recipe: Recipe) -> list[tuple[FloatArray, FloatArray]]:
     u_scale, y_scale = recipe.scales
     plain = (_lagged(u / u_scale, y / y_scale, recipe.taps, recipe.stride, recipe.drift)
              for u, y in runs)  # fmt: skip
-    return [(_filtered(x, recipe.colour), _filtered(y, recipe.colour)) for x, y in plain]
+    return [(innovations(x, recipe.colour), innovations(y, recipe.colour)) for x, y in plain]
 
 
 def _lagged(
@@ -277,33 +278,6 @@ def _lagged(
         table = table - np.outer(line, line @ table)
         right = right - line * float(line @ right)
     return table, right
-
-
-def _autoregression(residuals: Sequence[FloatArray]) -> FloatArray:
-    """Coefficients ``a`` of ``e_k = sum a_i e_(k-i) + w_k``, order by Akaike's criterion."""
-    rows = [np.column_stack([e[_ORDER - i : e.size - i] for i in range(1, _ORDER + 1)])
-            for e in residuals if e.size > 3 * _ORDER]  # fmt: skip
-    if not rows:
-        return np.empty(0)
-    past, now = np.vstack(rows), np.concatenate([e[_ORDER:] for e in residuals
-                                                 if e.size > 3 * _ORDER])  # fmt: skip
-    best, least = np.empty(0), now.size * float(np.log(np.mean(now**2) + 1e-300))
-    for order in range(1, _ORDER + 1):
-        a = np.linalg.lstsq(past[:, :order], now, rcond=None)[0]
-        left = float(np.mean((now - past[:, :order] @ a) ** 2))
-        cost = now.size * float(np.log(left + 1e-300)) + 2.0 * order
-        if cost < least:
-            best, least = a, cost
-    return best
-
-
-def _filtered(values: FloatArray, a: FloatArray) -> FloatArray:
-    """Values less what the autoregression predicts, along the first axis."""
-    order = a.size
-    out = values[order:].copy()
-    for i in range(1, order + 1):
-        out -= a[i - 1] * values[order - i : values.shape[0] - i]
-    return out
 
 
 def _regularised(tables: Sequence[tuple[FloatArray, FloatArray]], recipe: Recipe) -> _Fit:

@@ -79,13 +79,9 @@ def _views(
     views = Views(role, output, unit, response, frequency_response(measured, step))
     if not fitted or not all(np.isfinite(s.simulated).all() for s in fitted):
         return views
-    simulated = list(zip(inputs, [_kept(s.simulated) for s in fitted], strict=True))
+    simulated = list(zip(inputs, [s.simulated for s in fitted], strict=True))
     return Views(
         role, output, unit, response, views.frequency, respond_alike(response, simulated),
         frequency_response(simulated, step),
-        cross_correlation(inputs, [_kept(s.residual) for s in fitted], step),
+        cross_correlation(inputs, [s.residual for s in fitted], step),
     )  # fmt: skip
-
-
-def _kept(values: FloatArray) -> FloatArray:
-    return np.asarray(values, dtype=float)

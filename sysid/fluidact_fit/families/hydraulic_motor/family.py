@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from ...errors import Notice, UsageError
 from ...estimation.discrete import discretise
 from ...estimation.named_model import NamedModel, Values, check_request
+from ...estimation.noise import white_noise
 from ...estimation.parametric import Fitted
 from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, fit_robustly
 from ...estimation.unmodelled_effects import output_offset, soft_edges
@@ -19,7 +19,6 @@ from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
     Family,
-    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     PhysicsView,
@@ -32,12 +31,10 @@ from ...family import (
     Structure,
     UnmodelledEffect,
     Variant,
-    make_solution,
 )
 from ...mechanics.local_motion import delayed
 from ...specification import quotient_unit
 from .block import MotorBlock, MotorCurve
-from .command import command_noise, held_levels
 from .equation import MotorModel, edges, play, static_speed
 from .fit import (
     EDGES,
@@ -59,7 +56,7 @@ _COMMAND = Role(
 _SPEED = Role(
     "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
 )
-_WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
+_WIDENED = 3.0  # standard deviations of the noise of a command by which its play looks wider
 _SETTLED = 0.005  # of the range of the speed, still to come
 
 
@@ -177,27 +174,20 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         if variant.name == STATIC:
             return self._estimate_points(variant, experiments, request)
         _check_dead_time(experiments, request)
-        notices: list[Notice] = []
-        noise = request.options.command_noise or command_noise(experiments)
-        levels = held_levels(experiments, noise) if noise else None
-        logs = levels or experiments
+        plain = plan_motor(experiments, request, saturated=False)
         found, bend = fit_motor(
-            ResponseFit.of(self, variant, logs, request),
-            ResponseFit.of(
-                self, variant, logs, request, plan_motor(logs, request, saturated=False)
-            ),
+            ResponseFit.of(self, variant, experiments, request),
+            ResponseFit.of(self, variant, experiments, request, plain),
         )
         fitted = found.fitted
-        if noise and levels is None:
-            notices += _warn_of_noise(fitted, noise)
+        notices = list(_warn_of_noise(fitted, experiments))
         if SATURATION not in fitted.values:
             notices.append(_remark_on_saturation(fitted.values, bend))
-        settled = replace(found.settled(request.options), command_noise=noise if levels else None)
         unit = experiments[0].units[variant.output.name]
         if variant.output.name != "speed":
             unit = quotient_unit(unit, "s")
         return found.solution(
-            self.simulate, experiments, variant, settled,
+            self.simulate, experiments, variant, found.settled(request.options),
             fitted.derive(defaultdict(lambda: unit), _saturation_speeds), notices,
         )  # fmt: skip
 
@@ -205,17 +195,11 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
     ) -> Solution[MotorOptions]:
         found = fit_points(variant, experiments, request)
-        units, solved = experiments[0].units, found.solved
-        parameters, order, matrix = solved.quantities(variant.parameters, units)
-        notices = list(found.notices)
-        if SATURATION not in solved.values:
-            notices.append(_remark_on_saturation({}, {}))
-        return make_solution(
-            self.simulate, experiments, variant, request.options, parameters, order,
-            NoiseModel(matrix, solved.independent),
-            jacobians=[{"speed": j} for j in found.data.by_log(found.jacobian)],
-            derived=solved.derive(defaultdict(lambda: units["speed"]), _saturation_speeds),
-            notices=notices, details={"starts": found.fit.tried, "agreeing": found.fit.agreeing},
+        solved, unit = found.solved, experiments[0].units["speed"]
+        notices = [] if SATURATION in solved.values else [_remark_on_saturation({}, {})]
+        return found.solution(
+            self.simulate, experiments, variant, request.options, notices,
+            solved.derive(defaultdict(lambda: unit), _saturation_speeds),
         )  # fmt: skip
 
     def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
@@ -249,9 +233,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         if plant.variant.name == STATIC:
             data = gather(experiments)
             return [Simulated(y) for y in data.by_log(np.real(law(plant.numbers, data.x)))]
-        options, noise = plant.options, plant.options.command_noise
-        experiments = (held_levels(experiments, noise) if noise else None) or experiments
-        out, output = [], plant.variant.output.name
+        out, output, options = [], plant.variant.output.name, plant.options
         for e in experiments:
             model = MotorModel([e], options.beginning, output)
             if output not in e:
@@ -412,16 +394,15 @@ def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]
     )
 
 
-def _warn_of_noise(fitted: Fitted, noise: float) -> Iterator[Notice]:
-    """Say that the hysteresis is too wide where noise makes a moving command turn back."""
-    name = "hysteresis"
+def _warn_of_noise(fitted: Fitted, experiments: Sequence[Experiment]) -> Iterator[Notice]:
+    """Say that the hysteresis is too wide where the command turns back with its noise."""
+    name, noise = "hysteresis", max(white_noise(e.sampled("command")) for e in experiments)
     if name in fitted.names and (shift := _WIDENED * noise) > 2.0 * fitted.std_error(name):
         yield Notice(
             "command-noise",
             f"the command carries noise of about {noise:.2g} rms. The hysteresis takes that for "
             f"motion and comes out wider by about {shift:.2g}, {shift / fitted.std_error(name):.0f}"
-            " standard errors. Log the command as the controller gives it, or record one that "
-            "rests at levels of several samples: their means are then taken.",
+            " standard errors. Log the command as the controller gives it.",
         )
 
 

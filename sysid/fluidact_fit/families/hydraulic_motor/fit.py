@@ -11,10 +11,10 @@ import numpy as np
 from ...errors import LogError, NotIdentifiedError
 from ...estimation.named_model import bind
 from ...estimation.response import Beginning, Plan, Response, ResponseFit, ResponseOptions, Searched
-from ...estimation.results import Refusal
+from ...estimation.results import Refusal, Solved
 from ...estimation.separable import profile, solve
 from ...experiment import Experiment
-from ...options import choice, settled
+from ...options import choice
 from ...specification import Request
 
 SATURATION, OFFSET = "saturation_command", "command_offset"
@@ -37,7 +37,7 @@ SHARES = {  # of the highest command, of one over it for the curvature
 
 @dataclass(frozen=True)
 class MotorOptions(ResponseOptions):
-    """Options: what is estimated beside the curve and the lag, and what the fit settles."""
+    """Options: what is estimated beside the curve and the lag."""
 
     mode: str = choice(
         "dynamic", ("dynamic", "static"),
@@ -54,9 +54,6 @@ class MotorOptions(ResponseOptions):
     )  # fmt: skip
     dead_time: str = choice(
         "estimate", ("none", "estimate"), "whether to estimate a dead time", "dead_time"
-    )
-    command_noise: float | None = settled(
-        "float", "noise of a command of held levels, which are taken as their means", minimum=0.0
     )
 
 
@@ -242,11 +239,17 @@ def _saturated(fit: ResponseFit[MotorOptions]) -> Response[MotorOptions] | None:
         if given:
             raise
         return None
-    f = found.fitted
-    top = highest_command(fit.experiments, f.values.get(OFFSET, 0.0))
-    reach = top - 0.5 * f.values["hysteresis"]
-    shown = given or f.values[SATURATION] + 2.0 * f.std_error(SATURATION) < reach
-    return found if shown else None
+    return found if given or is_reached(fit.experiments, found.fitted) else None
+
+
+def is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
+    """Return whether an estimated saturation lies clearly below the highest command of the spool.
+
+    The play takes half the hysteresis from the command.
+    """
+    values = solved.values
+    top = highest_command(experiments, values.get(OFFSET, 0.0)) - 0.5 * values["hysteresis"]
+    return values[SATURATION] + 2.0 * solved.std_error(SATURATION) < top
 
 
 def _find_bend(

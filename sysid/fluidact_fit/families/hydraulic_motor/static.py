@@ -27,6 +27,7 @@ from .fit import (
     SIGNIFICANT,
     MotorOptions,
     highest_command,
+    is_reached,
     middle_of_commands,
     refused_beforehand,
     require_motion,
@@ -48,10 +49,11 @@ def law(values: Values, x: FloatArray) -> Array:
 
 def gather(experiments: Sequence[Experiment]) -> NamedRows:
     """Commands and speeds of all runs, in order."""
-    x = [np.column_stack((e.sampled("command"), np.full(e.samples, k)))
-         for k, e in enumerate(experiments)]  # fmt: skip
-    ends = tuple(np.cumsum([e.samples for e in experiments]).tolist())
-    return NamedRows(np.vstack(x), np.concatenate([e["speed"] for e in experiments]), ends, True)
+    return NamedRows.of(
+        [np.column_stack((e.sampled("command"), np.full(e.samples, k)))
+         for k, e in enumerate(experiments)],
+        [e["speed"] for e in experiments], in_order=True,
+    )  # fmt: skip
 
 
 def fit_points(
@@ -72,24 +74,15 @@ def fit_points(
                 remedy="Leave it out, or --mode=static.",
             )
     require_motion(experiments)
-    given, found = SATURATION in {**request.fixed, **request.start}, []
-    refused: NotIdentifiedError | None = None
-    for saturated in (True,) if given else (True, False):
-        try:
-            found.append(_fit(variant, experiments, request, saturated))
-        except NotIdentifiedError as error:
-            refused = error
-    if refused is not None and not found:
-        raise refused
-    if len(found) == 1:
-        return found[0]
-    bent, plain = found
-    values = bent.solved.values
-    top = highest_command(experiments, float(values.get(OFFSET, 0.0)))
-    reach = top - 0.5 * float(values["hysteresis"])
-    end = float(values[SATURATION]) + 2.0 * bent.solved.std_error(SATURATION)
+    if SATURATION in {**request.fixed, **request.start}:
+        return _fit(variant, experiments, request, saturated=True)
+    plain = _fit(variant, experiments, request, saturated=False)
+    try:
+        bent = _fit(variant, experiments, request, saturated=True)
+    except NotIdentifiedError:
+        return plain
     rise = bent.data.y.size * (plain.fit.cost / max(bent.fit.cost, 1e-300) - 1.0)
-    return bent if end < reach and rise > SIGNIFICANT else plain
+    return bent if rise > SIGNIFICANT and is_reached(experiments, bent.solved) else plain
 
 
 def _fit(

@@ -133,12 +133,8 @@ class TransferBlock(LinearBlock):
 
     def actuate(self, value: float) -> float:
         """Return what reaches the linear model [unit of the input]."""
-        if self.dead_zone is None:
-            return value
-        low, high = self.dead_zone
-        if value > high:
-            return value - high
-        return value - low if value < low else 0.0
+        low, high = self.dead_zone or (0.0, 0.0)
+        return max(value - high, 0.0) + min(value - low, 0.0)
 
     def dead_zone_inverse(self, force: float, *, band: float = 0.0) -> float:
         """Return the input that makes ``force`` act behind the dead zone.
@@ -248,14 +244,17 @@ class TransferBlock(LinearBlock):
 
     def routines(self) -> Sequence[Routine]:
         """One step of the model, and the inverse of its dead zone where it has one."""
-        from .routines import routines_of
+        from .routines import dead_zone_routine, step_routine
 
         self._need_sample_time("discrete model")
         input, output, f = self._port(self.variant.driving[0]), self.output, self._linear
         law = difference_equation(sample(*_balanced(f), f.dead_time, self.sample_time))
         argument = self.argument(input.role, "input of this sample")
         result = (output.role, output.unit, 0.0 if f.gain is None else self.offset)
-        return routines_of(argument, self.dead_zone, law, result, self.sample_time)
+        step = step_routine(argument, self.dead_zone, law, result, self.sample_time)
+        if self.dead_zone is None:
+            return [step]
+        return [step, dead_zone_routine(argument, self.dead_zone)]
 
     def _respond(
         self, u: PiecewiseInput, instants: FloatArray, before: float, output: float | None

@@ -49,7 +49,7 @@ from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
 from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
-from .losses import other_losses
+from .dry_friction import dry_friction
 from .model import Free, TransferModel
 
 
@@ -254,8 +254,11 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         return out
 
     def unmodelled_effects(self, plant: Plant[HydrostaticOptions]) -> Sequence[UnmodelledEffect]:
-        """Soft edges, and losses of another law; see :meth:`Family.unmodelled_effects`."""
-        return [*super().unmodelled_effects(plant), *other_losses(plant)]
+        """Soft edges, and dry friction; see :meth:`Family.unmodelled_effects`."""
+        effects = list(super().unmodelled_effects(plant))
+        if "stiffness" not in plant.values:  # friction and spring: see the spring cylinder
+            effects.append(dry_friction(plant))
+        return effects
 
     def derive(
         self, fitted: Fitted, options: HydrostaticOptions

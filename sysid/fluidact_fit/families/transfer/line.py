@@ -247,7 +247,10 @@ class Line(TransferFamily[LineOptions]):
 def _second_order(
     plant: Plant[LineOptions], experiments: Sequence[Experiment], simulate: Simulate
 ) -> list[dict[str, FloatArray]]:
-    """Change of the outlet by a small second time constant, per its size."""
+    """Change of the outlet by a second time constant, per its size.
+
+    Not by a tiny one, which acts as a dead time and a longer time constant do.
+    """
     size = _PART * plant.numbers["time_constant"]
     behind = replace(plant, values={**plant.values, _SECOND: size})
     before, after = simulate(plant, experiments), simulate(behind, experiments)

@@ -215,13 +215,14 @@ class TransferModel:
             else:
                 yield float(values[self.gain]) * basis.shared[:, 0], local
 
-    def level(self, index: int, values: Values) -> float:
-        """Steady output of one run at the level that its input starts from."""
-        return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
+    def steady_level(self, index: int, values: Values) -> float:
+        """Steady output at the level that the input of a run starts from; part of an offset.
 
-    def beyond(self, index: int, values: Values) -> float:
-        """Return what is added to the response: the level, unless an offset holds it."""
-        return 0.0 if self.begin.offset == "none" else self.level(index, values)
+        Zero where there is no offset: the response then holds it.
+        """
+        if self.gain is None or self.begin.offset == "none":
+            return 0.0
+        return float(values[self.gain]) * self.levels[index]
 
     def free_responses(self, index: int, values: Values) -> Iterator[FloatArray]:
         """Free responses without the offset of one run, block by block."""
@@ -298,7 +299,7 @@ def simulate_transfer(
         return [
             Simulated(
                 np.concatenate([known for known, _ in model.responses(i, values)])
-                + (model.beyond(i, values) + (offset or 0.0)),
+                + (model.steady_level(i, values) + (offset or 0.0)),
                 offset=offset or 0.0,
             )
             for i in runs
@@ -316,7 +317,7 @@ def simulate_transfer(
         )
         for i, y, output, unknowns in zip(own, forced, outputs, found, strict=True):
             _add_beginnings(model, i, values, y, unknowns)
-            level = None if none else float(unknowns[-1]) - model.beyond(i, values)
+            level = None if none else float(unknowns[-1]) - model.steady_level(i, values)
             out[i] = Simulated(output, offset=level)
     return [out[i] for i in runs]
 

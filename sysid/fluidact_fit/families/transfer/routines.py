@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ...routines import Argument, Draft, Expression, Filter, Routine, constant, maximum, minimum
 
-Edges = tuple[float, float] | None
+Edges = tuple[float, float]
 
 
 def step_routine(
-    argument: Argument, edges: Edges, law: Filter, output: tuple[str, str, float], period: float
-) -> Routine:
+    argument: Argument, edges: Edges | None, law: Filter, output: tuple[str, str, float],
+    period: float,
+) -> Routine:  # fmt: skip
     """One step of the model; ``output`` is its name, its unit and its offset at rest."""
     name, unit, offset = output
     draft = Draft("step", f"Take the input of this sample, return the {name}.", unit, period)
@@ -27,16 +26,16 @@ def step_routine(
     return draft.returns(draft.filter(law) + constant("offset", offset))
 
 
-def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: Edges) -> Routine:
+def dead_zone_routine(input: Argument, edges: Edges) -> Routine:
     """Input that makes a wanted one act behind the dead zone."""
-    low, high = edges or (0.0, 0.0)
-    largest = max(high, -low, 1e-9 * max(map(abs, reach)))
+    (low, high), unit = edges, input.unit
+    largest = max(high, -low, 1e-9 * max(abs(input.low), abs(input.high)))
     draft = Draft(
         "dead_zone_inverse", "Input that makes the wanted one act behind the dead zone.", unit
     )
     wanted = draft.argument(
-        Argument("wanted", unit, f"{role} behind the dead zone",
-                 min(reach[0] - low, 0.0), max(reach[1] - high, 0.0), recorded=False)
+        Argument("wanted", unit, f"{input.name} behind the dead zone",
+                 min(input.low - low, 0.0), max(input.high - high, 0.0), recorded=False)
     )  # fmt: skip
     steep = draft.argument(
         Argument("steepness", f"1/({unit})", "one over the half-width of the band about zero in "
@@ -46,14 +45,3 @@ def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: E
     rise = minimum(maximum(wanted, 0.0) * steep, 1.0) * constant("dead_zone_positive", high)
     fall = minimum(maximum(-wanted, 0.0) * steep, 1.0) * constant("dead_zone_negative", low)
     return draft.returns(wanted + rise + fall)
-
-
-def routines_of(
-    argument: Argument, edges: Edges, law: Filter, output: tuple[str, str, float], period: float
-) -> Sequence[Routine]:
-    """Return all of them; see :func:`step_routine`."""
-    found = [step_routine(argument, edges, law, output, period)]
-    if edges is not None:
-        reach = (argument.low, argument.high)
-        found.append(dead_zone_routine(argument.name, argument.unit, reach, edges))
-    return found
