@@ -230,6 +230,17 @@ class UnitError(LogError):
     """A unit is unknown or has the wrong dimension (exit status 3)."""
 
 
+class MissingColumnError(LogError):
+    """A log has no column for a role that a model needs (exit status 3).
+
+    ``log`` is that log (:class:`.logs.Log`).
+    """
+
+    def __init__(self, what: str, *, log: Any, **words: str) -> None:
+        super().__init__(what, **words)
+        self.log = log
+
+
 class ParameterFileError(FluidactError):
     """A parameter file is not valid (exit status 3).
 

@@ -414,3 +414,22 @@ def test_fit_without_a_family_fits_the_chosen_one_once(
     again = here(*shlex.split(document.provenance.command)[1:], "-f")
     assert again.status == 0, again.err
     assert ff.read_document("found.yaml").parameters == document.parameters
+
+
+def test_columns_that_units_and_names_tell_are_proposed(here: Run, inside: Path) -> None:
+    (inside / "sieve.csv").write_text(
+        "Zeit [s];Sollwert [V];Druck [bar]\n"
+        + "".join(f"{0.01 * k:.2f};{k // 20 % 2};{k % 7}\n" for k in range(100)),
+        encoding="utf-8",
+    )
+    done = here("valve", "sieve.csv")
+    assert done.status == 3
+    assert "Did you mean --column 'command=Sollwert [V]' --column 'outlet=Druck [bar]'?" in done.err
+
+
+def test_columns_that_nothing_tells_are_not_guessed(here: Run, inside: Path) -> None:
+    rows = "".join(f"{0.01 * k:.2f},{k // 20 % 2},{k % 7}\n" for k in range(100))
+    (inside / "plain.csv").write_text("time,a,b\n" + rows, encoding="utf-8")
+    done = here("valve", "plain.csv")
+    assert done.status == 3
+    assert "Did you mean" not in done.err

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.errors import LogError, MissingColumnError, NotIdentifiedError, UsageError
 from fluidact_fit.families import get_family
+from fluidact_fit.files import shell_command
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
@@ -40,6 +41,7 @@ from ..show import echo_json, echo_text, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
+    from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
 
 _JUDGED = "Validation and verdict"
@@ -289,6 +291,11 @@ def _fit(
             progress=progress,
             **chosen_options(params),
         )
+    except MissingColumnError as error:
+        remedy = "\n".join(filter(None, (_propose_columns(family.name, error.log), error.remedy)))
+        raise LogError(
+            error.what, where=error.where, expected=error.expected, remedy=remedy
+        ) from error
     except (LogError, NotIdentifiedError) as error:
         if error.where:
             raise
@@ -296,6 +303,16 @@ def _fit(
         raise type(error)(
             error.what, where=names, expected=error.expected, remedy=error.remedy
         ) from error
+
+
+def _propose_columns(family: str, log: Log) -> str:
+    """The options that say which columns the roles are, where units and names leave no doubt."""
+    from fluidact_fit.advice import column_options, suggest
+
+    found = suggest([log], [log.name], family, trial=False)
+    if not found or found[0].unsure or found[0].basis:
+        return ""
+    return f"Did you mean {shell_command(column_options(found[0], log))}?"
 
 
 def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:

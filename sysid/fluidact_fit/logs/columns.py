@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import LogError, Notice, UsageError, closest, visible
+from ..errors import LogError, MissingColumnError, Notice, UsageError, closest, visible
 from ..experiment import is_finite
 from ..specification import Role
 from ..units import conversion_factor, same_dimension, unit_within, without_size
@@ -412,11 +412,12 @@ def require_roles(log: Log, roles: Sequence[Role]) -> None:
             given = f"#{likely.column.index}, which looks like it"
         words = f"Give --column time={given}, or --sample-time SECONDS if it was not recorded."
         remedies.insert(0, words)
-    raise LogError(
+    raise MissingColumnError(
         f"no column is named {names}.",
         where=log.name,
         expected=f"Its columns are {list_columns(log)}.",
         remedy="\n".join(remedies),
+        log=log,
     )
 
 
