@@ -261,7 +261,7 @@ def test_impossible_wishes_are_refused(
 def test_a_range_that_a_slow_sensor_cannot_cross_is_refused_at_once() -> None:
     """Corners rounded over as long as the crossing takes would be 1e20 samples."""
     line = document_of(fit_trial("line"))
-    with pytest.raises(NotIdentifiedError, match="no excitation"):
+    with pytest.raises(NotIdentifiedError, match="leaves its range"):
         design(line, duration=0.3, sample_time=0.01, amplitude=(0.0, 1e9), rate=1e-9)
 
 
