@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Self
 
@@ -155,7 +155,7 @@ class Fit:
     found: Search
     predicted: FloatArray
     iterations: int
-    tables: dict[str, Any]
+    tables: dict[str, Any] = field(default_factory=dict)
 
     @property
     def spikes(self) -> int:
@@ -283,22 +283,6 @@ def training_notices(fit: Fit) -> list[Notice]:
             "of the load cell. They were left out."
         )
         out.append(Notice("force-spikes", text))
-    out += _few_positions_notices(data)
-    held = rows.scaling.span * _clipped_rms(fit.error)
-    here = _clipped_rms((data.y - fit.predicted)[data.used])
-    if held > _WORSE * here:
-        text = (
-            f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
-            f"what it was trained on ({here:.3g}, SI): between the recorded positions expect the "
-            "former. Record more positions, or give fewer --hidden units."
-        )
-        out.append(Notice("validation-worse", text))
-    return out
-
-
-def _few_positions_notices(data: Data) -> list[Notice]:
-    """Warn of positions, or lengths, between which nothing was recorded."""
-    out = []
     if "position" in data.names and not _positions_held_out(data):
         text = (
             "no position between others was recorded, so that none could be held out: the "
@@ -316,6 +300,15 @@ def _few_positions_notices(data: Data) -> list[Notice]:
                 f"or record at least {_FEWEST_LENGTHS}."
             )
             out.append(Notice("few-positions", text))
+    held = rows.scaling.span * _clipped_rms(fit.error)
+    here = _clipped_rms((data.y - fit.predicted)[data.used])
+    if held > _WORSE * here:
+        text = (
+            f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
+            f"what it was trained on ({here:.3g}, SI): between the recorded positions expect the "
+            "former. Record more positions, or give fewer --hidden units."
+        )
+        out.append(Notice("validation-worse", text))
     return out
 
 
