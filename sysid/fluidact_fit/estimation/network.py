@@ -192,10 +192,79 @@ def _gradient(
 # -------------------------------------------------------------------------- what is minimised
 
 
+@dataclass(frozen=True)
+class Chords:
+    """Lines along one input from whose chord the output is to deviate little.
+
+    ``strength * mean((y(x_i) - (1 - t_i) y(low_i) - t_i y(high_i))^2)`` joins the cost, with
+    ``x_i`` at the share ``t_i`` of the way from one end of the input's range to the other. An input
+    of which few values were recorded, each with another specimen, leaves a network free in
+    between; this holds it there, weakly enough to pass through every specimen.
+
+    ``points`` has shape ``(3, m, inputs)``: low, between, high; ``shares`` ``(3, m)`` holds
+    the factors of their outputs.
+    """
+
+    points: FloatArray
+    shares: FloatArray
+    strength: float
+
+    @classmethod
+    def along(cls, x: FloatArray, column: int, strength: float) -> Chords:
+        """Chords through evenly spaced rows of ``x``, shape ``(n, inputs)``; half at most."""
+        rows = x[thin(x.shape[0], min(1500, (x.shape[0] + 1) // 2))]
+        low, high = float(x[:, column].min()), float(x[:, column].max())
+        t = np.mod(0.6180339887 * np.arange(rows.shape[0]), 1.0)  # golden section: evenly spread
+        points = np.repeat(rows[None, :, :], 3, axis=0)
+        points[:, :, column] = low + (high - low) * np.vstack((0.0 * t, t, 0.0 * t + 1.0))
+        return cls(points, np.vstack((t - 1.0, np.ones(t.size), -t)), strength)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of training: ``mean(rho(y - net(x))) + decay * sum(weights^2) + chords``.
+
+    Attributes
+    ----------
+    decay
+        Weight decay per sample, at outputs of unit variance. There is none of biases: it
+        bends no curve towards the origin.
+    limit
+        Residual beyond which ``rho`` grows linearly [2]_; infinite for least squares.
+    chords
+        Lines along which the output is to be nearly straight.
+    """
+
+    decay: float = 0.0
+    limit: float = np.inf
+    chords: Chords | None = None
+
+
 def huber_cost(residual: FloatArray, limit: float) -> float:
     """Sum of ``r^2`` up to the limit and of straight lines beyond [2]_."""
     size = np.abs(residual)
     return float(np.where(size <= limit, size**2, limit * (2.0 * size - limit)).sum())
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Rows whose ``target`` (m,) is met by ``k`` outputs, each times its share ``(k, m)``.
+
+    ``points`` are the inputs of all outputs, shape ``(inputs, k m)``.
+    """
+
+    points: FloatArray
+    shares: FloatArray
+    target: FloatArray
+    weight: float
+    limit: float
+
+    def roots(self, residual: FloatArray) -> FloatArray:
+        """Square roots of the weights of rows, those beyond the limit counting less."""
+        share = np.ones(residual.size)
+        if np.isfinite(self.limit):
+            share = self.limit / np.maximum(np.abs(residual), self.limit)
+        return np.asarray(np.sqrt(self.weight * share))
 
 
 @dataclass(frozen=True)
@@ -209,55 +278,61 @@ class _Point:
 
 
 class _Problem:
-    """Cost ``sum(rho(y - net(x))) + n decay sum(weights^2)`` of ``n`` rows, block by block.
+    """A cost on given rows, times their number, gone through block by block."""
 
-    ``rho`` grows linearly beyond ``limit`` [2]_. Biases do not decay: that bends no curve towards
-    the origin.
-    """
-
-    def __init__(
-        self, net: Network, x: FloatArray, y: FloatArray, decay: float, limit: float
-    ) -> None:
+    def __init__(self, net: Network, x: FloatArray, y: FloatArray, cost: Cost) -> None:
         ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
         weights = replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
-        self._network, self._ridge, self._limit = net, y.size * decay * weights, limit
-        starts = range(0, y.size, _BLOCK)
-        self._inputs = [samples_last(x[k : k + _BLOCK]) for k in starts]
-        self._targets = [y[k : k + _BLOCK] for k in starts]
-        self._rows = y.size
+        self.network, self._ridge = net, y.size * cost.decay * weights
+        self._blocks = [
+            _Block(samples_last(x[k : k + _BLOCK]), np.ones((1, part.size)), part, 1.0, cost.limit)
+            for k, part in ((k, y[k : k + _BLOCK]) for k in range(0, y.size, _BLOCK))
+        ]
+        if (c := cost.chords) is not None:
+            weight = c.strength * y.size / c.shares.shape[1]
+            points, none = (
+                samples_last(c.points.reshape(-1, x.shape[1])),
+                np.zeros(c.shares[0].size),
+            )
+            self._blocks.append(_Block(points, c.shares, none, weight, np.inf))
+        self._widest = max(b.shares.size for b in self._blocks)
 
     def at(self, p: FloatArray) -> _Point:
         """Evaluate a network of some parameters."""
-        simulated(self._rows)
-        net, cost = self._network.from_vector(p), float(self._ridge @ p**2)
-        layers = [net.layer_inputs(x) for x in self._inputs]
-        residuals = [y - net.output(a) for y, a in zip(self._targets, layers)]
-        cost += sum(huber_cost(r, self._limit) for r in residuals)
+        simulated(sum(b.shares.size for b in self._blocks))
+        net, cost = self.network.from_vector(p), float(self._ridge @ p**2)
+        layers = [net.layer_inputs(b.points) for b in self._blocks]
+        residuals = [
+            b.target - (b.shares * net.output(a).reshape(b.shares.shape)).sum(axis=0)
+            for b, a in zip(self._blocks, layers)
+        ]
+        cost += sum(b.weight * huber_cost(r, b.limit) for b, r in zip(self._blocks, residuals))
         return _Point(net, cost, layers, residuals)
 
     def normal_equations(self, point: _Point) -> tuple[FloatArray, FloatArray]:
-        """``J'Wr`` and ``J'WJ``, weight decay included; beyond the limit rows weigh less.
+        """``J'Wr`` and ``J'WJ``, weight decay included.
 
         The matrix only shapes a step and is made in single precision; where the steps end is
         for the gradient and the cost to say.
         """
         net, p = point.network, point.network.vector()
-        simulated(self._rows)
+        simulated(sum(b.shares.size for b in self._blocks))
         matrix, gradient = np.diag(self._ridge), -self._ridge * p
-        table = np.empty((p.size, min(self._rows, _BLOCK)), dtype=np.float32)
-        for layers, residual in zip(point.layers, point.residuals):
-            roots = np.sqrt(1.0 / np.maximum(np.abs(residual) / self._limit, 1.0))
-            own = table[:, : residual.size]
-            back = propagate_back(net, layers, roots)
-            gradient += _gradient(back, layers, roots * residual)
+        table = np.empty((p.size, self._widest), dtype=np.float32)
+        for b, layers, residual in zip(self._blocks, point.layers, point.residuals):
+            roots, own = b.roots(residual), table[:, : b.shares.size]
+            back = propagate_back(net, layers, (roots * b.shares).ravel())
+            gradient += _gradient(back, layers, np.tile(roots * residual, b.shares.shape[0]))
             write_derivatives(back, layers, own)
+            if b.shares.shape[0] > 1:
+                own = own.reshape(p.size, *b.shares.shape).sum(axis=1)
             matrix += own @ own.T
         return gradient, matrix
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A network, its cost per row, and after how many steps it was reached."""
+    """A network, its :class:`Cost` per row, and after how many steps it was reached."""
 
     network: Network
     cost: float
@@ -265,10 +340,14 @@ class Trained:
 
 
 def train_from(
-    net: Network, x: FloatArray, y: FloatArray, decay: float, limit: float = np.inf, *,
-    iterations: int, tolerance: float,
-) -> Trained:  # fmt: skip
-    """Minimise ``mean(rho(y - net(x))) + decay sum(weights^2)`` from a start.
+    net: Network,
+    x: FloatArray,
+    y: FloatArray,
+    cost: Cost,
+    iterations: int = 100,
+    tolerance: float = 1e-6,
+) -> Trained:
+    """Minimise a cost from a start.
 
     Parameters
     ----------
@@ -276,14 +355,10 @@ def train_from(
         Where the search begins.
     x, y : (n, inputs), (n,)
         Standardised.
-    decay
-        Weight decay, at outputs of unit variance.
-    limit
-        Residual beyond which ``rho`` grows linearly [2]_; infinite for least squares.
     iterations, tolerance
         Most steps, and the relative gain of one below which the search ends.
     """
-    problem, start = _Problem(net, x, y, decay, limit), net.vector()
+    problem, start = _Problem(net, x, y, cost), net.vector()
     free = np.full(start.size, np.inf)
     found = minimise(
         problem.at, problem.normal_equations, start, (-free, free), rows=y.size,
@@ -360,7 +435,7 @@ class Training:
     hidden
         Units of each hidden layer.
     decay
-        Weight decay, as of :func:`train_from`.
+        As in :class:`Cost`.
     starts, rows, iterations
         Searches on evenly spaced rows, and most steps of each.
     finalists
@@ -379,9 +454,10 @@ class Training:
 
 @dataclass(frozen=True)
 class Search:
-    """Result of a multi-start search: candidates, best first, and the limit of their cost."""
+    """Result of a multi-start search: candidates, best first, and how many were tried."""
 
     candidates: tuple[Trained, ...]
+    tried: int
     limit: float
 
     @property
@@ -395,41 +471,42 @@ def thin(rows: int, most: int) -> npt.NDArray[np.intp]:
     return np.linspace(0, rows - 1, min(rows, most)).round().astype(np.intp)
 
 
-def search(x: FloatArray, y: FloatArray, training: Training, rng: np.random.Generator) -> Search:
+def search(
+    x: FloatArray,
+    y: FloatArray,
+    training: Training,
+    rng: np.random.Generator,
+    chords: Chords | None = None,
+) -> Search:
     """Train from many starts on few rows, the best of them on many.
 
     Parameters
     ----------
     x, y : (n, inputs), (n,)
         Standardised rows.
+    chords
+        As in :class:`Cost`.
     """
     few, many = thin(y.size, training.rows), thin(y.size, _MANY)
-    xs, ys = x[few], y[few]
-    starts = [
+    xs, ys, steps = x[few], y[few], training.iterations
+    cost = Cost(training.decay, chords=chords)
+    starts = (
         make_start(xs, ys, training.hidden, training.activation, rng)
         for _ in range(training.starts)
-    ]
-    found = sorted((_settle(net, xs, ys, training) for net in starts), key=lambda t: t.cost)
-    sharp = [_sharpen(t.network, xs, ys, training) for t in found[: training.finalists]]
+    )
+    found = [train_from(net, xs, ys, cost, steps, 1e-3) for net in starts]
+    found.sort(key=lambda t: t.cost)
+    sharp = [_sharpen(t.network, xs, ys, cost, steps) for t in found[: training.finalists]]
     limit = _HUBER * min(robust_deviation(ys - net(xs)) for net in sharp)
-    polished = [
-        train_from(
-            net, x[many], y[many], training.decay, limit,
-            iterations=3 * training.iterations, tolerance=1e-5,
-        )
-        for net in sharp
-    ]  # fmt: skip
-    return Search(tuple(sorted(polished, key=lambda t: t.cost)), limit)
+    robust = replace(cost, limit=limit)
+    polished = [train_from(net, x[many], y[many], robust, 3 * steps, 1e-5) for net in sharp]
+    return Search(tuple(sorted(polished, key=lambda t: t.cost)), training.starts, limit)
 
 
-def _settle(net: Network, x: FloatArray, y: FloatArray, training: Training) -> Trained:
-    """Train on few rows, coarsely."""
-    return train_from(net, x, y, training.decay, iterations=training.iterations, tolerance=1e-3)
-
-
-def _sharpen(net: Network, x: FloatArray, y: FloatArray, training: Training) -> Network:
+def _sharpen(net: Network, x: FloatArray, y: FloatArray, cost: Cost, iterations: int) -> Network:
     """Train on with kinks less and less rounded; leaves true kinks."""
     if net.activation == "relu":
         for sharpness in _SHARPER[1:]:
-            net = _settle(replace(net, sharpness=sharpness), x, y, training).network
+            start = replace(net, sharpness=sharpness)
+            net = train_from(start, x, y, cost, iterations, 1e-3).network
     return replace(net, sharpness=np.inf)

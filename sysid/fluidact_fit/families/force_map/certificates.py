@@ -20,7 +20,6 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.network import Network
 from ...experiment import BoolArray, FloatArray
-from ...units import after_number
 from .data import Data, state_column
 from .equation import NetworkMap
 
@@ -182,7 +181,7 @@ def certificate_notice(c: Certificate | None, data: Data, source: str, target: s
         return []
     k = c.names.index(source)
     where = ", ".join(
-        f"{n} {v:.4g}{after_number(u)}" for n, v, u in zip(c.names, c.worst[k], data.units)
+        f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in zip(c.names, c.worst[k], data.units)
     )
     return [
         Notice(

@@ -27,7 +27,7 @@ class Data:
     """All logs in one table.
 
     ``x`` has shape ``(n, inputs)``, all others ``(n,)`` [SI]. ``used`` marks what is fitted,
-    ``settled`` what lies well within a branch.
+    ``settled`` what lies well within a branch; at ``cuts`` another experiment begins.
     """
 
     names: tuple[str, ...]
@@ -39,6 +39,7 @@ class Data:
     settled: BoolArray
     position: FloatArray
     log: npt.NDArray[np.intp]
+    cuts: npt.NDArray[np.intp]
 
 
 def settle_dead_bands(
@@ -76,7 +77,7 @@ def gather(
         names, units, table, y, is_known(table, names) & np.isfinite(y),
         np.concatenate(directions), np.concatenate(settled),
         np.concatenate([column_of(e, "position") for e in experiments]),
-        np.repeat([e.log for e in experiments], sizes),
+        np.repeat([e.log for e in experiments], sizes), np.cumsum(sizes)[:-1],
     )  # fmt: skip
 
 

@@ -18,7 +18,8 @@ Samples of one position are nearly copies of each other, so whole positions or w
 are held out for validation, never random rows.
 
 A ``length`` that is the same throughout each log names the specimen. Specimens differ by more
-than their lengths: a curve through a few of them is no guide to the next, which is warned of.
+than their lengths: a curve through all of them is no guide to the next, so that between the
+recorded lengths the output is held near a straight line (:class:`...estimation.network.Chords`).
 
 References
 ----------

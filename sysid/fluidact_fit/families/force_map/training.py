@@ -18,7 +18,7 @@ from ...estimation.map import (
     robust_deviation,
     smallest_sufficient,
 )
-from ...estimation.network import Search, Training, search, thin, train_from
+from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
 from ...estimation.noise import noise_floor
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request, Simulated
@@ -28,8 +28,10 @@ from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
+_DECAY = 1e-5  # weight decay
+_STRAIGHT = (0.03, 1.0)  # strength of chords along a length, of many lengths and of few
+_MOST_LENGTHS = 8  # with more of them the data say what is between
 _SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
-_FEWEST_LENGTHS = 5  # fewer do not show what a map does between them
 _WORSE = 2.0  # held-out over training error from which it is said
 
 
@@ -40,7 +42,8 @@ _WORSE = 2.0  # held-out over training error from which it is said
 class Rows:
     """The used rows of the data, standardised, and the folds that they are held out in.
 
-    Rows of the ``groups`` inside are held out together.
+    Rows of the ``groups`` inside are held out together; ``length`` is the column of a length that
+    names the specimens.
     """
 
     data: Data
@@ -50,6 +53,7 @@ class Rows:
     folds: Index
     split_by: str
     groups: int
+    length: int | None
     request: Request[ForceMapOptions]
 
     @classmethod
@@ -64,20 +68,27 @@ class Rows:
         check_data(data, request.options)
         s = Scaling.of(data)
         x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
-        return cls(data, s, x, y, *_split(data, request.seed), request)
+        return cls(data, s, x, y, *_split(data, request.seed), _length_column(data), request)
+
+    def chords(self, x: FloatArray) -> Chords | None:
+        """Chords along the length, for some of the rows: an odd one of few would bend the map."""
+        if self.length is None:
+            return None
+        few = np.unique(self.x[:, self.length]).size <= 3
+        return Chords.along(x, self.length, _STRAIGHT[int(few)])
 
     def held_out(self, hidden: tuple[int, ...]) -> FloatArray:
         """Errors on rows that were not trained, by short searches, shape ``(n,)``."""
         few = max(1200, 12 * sum(hidden) * (self.x.shape[1] + 1))
         brief = Training(
-            hidden, self.request.options.activation, starts=4, rows=few, iterations=25, finalists=2
+            hidden, self.request.options.activation, _DECAY, 4, few, iterations=25, finalists=2
         )
 
         def predict(rest: BoolArray, held: BoolArray, fold: int) -> FloatArray:
             kept = np.flatnonzero(rest)
             kept = kept[thin(kept.size, few)]
-            rng = np.random.default_rng([self.request.seed, fold])
-            found = search(self.x[kept], self.y[kept], brief, rng)
+            rng, x = np.random.default_rng([self.request.seed, fold]), self.x[kept]
+            found = search(x, self.y[kept], brief, rng, self.chords(x))
             return self.y[held] - found.best.network(self.x[held])
 
         return cross_validate(self.folds, predict)
@@ -134,6 +145,15 @@ def _positions_held_out(data: Data) -> bool:
     highest = int(_levels(position).max())
     floor = max(noise_floor(position, 1, robust=False), 1e-300)
     return highest >= 2 or (highest == 0 and float(np.ptp(position)) > 20.0 * floor)
+
+
+def _length_column(data: Data) -> int | None:
+    """Column of a length that names the specimens; ``None`` where there is none."""
+    if "length" not in data.names:
+        return None
+    k = data.names.index("length")
+    fixed = all(np.ptp(part) == 0.0 for part in np.split(data.x[:, k], data.cuts))
+    return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
 
 
 # ------------------------------------------------------------------------ choice and training
@@ -223,19 +243,20 @@ def _train(
     """Train the final network on all used rows, spikes left out."""
     options, data, s = request.options, rows.data, rows.scaling
     request.progress(f"training {len(data.names)}-{'-'.join(map(str, hidden))}-1")
+    chords = rows.chords(rows.x)
     # a larger network has more to tell apart, and more optima nearly as good
     weights = sum(hidden) * (rows.x.shape[1] + 1)
     training = Training(
-        hidden, options.activation, starts=options.starts,
+        hidden, options.activation, _DECAY, options.starts,
         rows=int(np.clip(100 * weights, 3000, 8000)),
-        finalists=3 if sum(hidden) <= ENUMERATED else 10,
+        finalists=3 if sum(hidden) <= ENUMERATED else 6,
     )  # fmt: skip
-    found = search(rows.x, rows.y, training, np.random.default_rng([request.seed, 7]))
+    found = search(rows.x, rows.y, training, np.random.default_rng([request.seed, 7]), chords)
     best = _choose_candidate(found, rows, options.driver)
     kept = _described(predict_runs(best, experiments, options))
     last = train_from(
         best.network, s.inputs(data.x[kept]), s.output(data.y[kept]),
-        training.decay, found.limit, iterations=10, tolerance=1e-5,
+        Cost(_DECAY, found.limit, chords), iterations=10, tolerance=1e-5,
     )  # fmt: skip
     made = NetworkMap(last.network, s)
     runs = predict_runs(made, experiments, options)
@@ -291,15 +312,12 @@ def training_notices(fit: Fit) -> list[Notice]:
             "position out of --inputs and use the map where it was recorded."
         )
         out.append(Notice("few-positions", text))
-    if "length" in data.names:
-        lengths = np.unique(data.x[data.used, data.names.index("length")]).size
-        if 1 < lengths < _FEWEST_LENGTHS:
-            text = (
-                f"{lengths} lengths were recorded: nothing tested the map between them, where it "
-                "may be off by far more than the validation error. Use it at the recorded lengths, "
-                f"or record at least {_FEWEST_LENGTHS}."
-            )
-            out.append(Notice("few-positions", text))
+    if rows.length is not None and np.unique(rows.x[:, rows.length]).size < 3:
+        text = (
+            "only two lengths were recorded: between them the map is a straight line that nothing "
+            "has tested. Record at least one length in between."
+        )
+        out.append(Notice("few-positions", text))
     held = rows.scaling.span * _clipped_rms(fit.error)
     here = _clipped_rms((data.y - fit.predicted)[data.used])
     if held > _WORSE * here:
@@ -342,7 +360,7 @@ def fit_details(fit: Fit, options: ForceMapOptions) -> dict[str, Any]:
         "network_parameters": net.parameters,
         "multiplications": net.multiplications,
         "training": {
-            "starts": options.starts,
+            "starts": fit.found.tried,
             "huber_limit": fit.found.limit * rows.scaling.span,
             "iterations": fit.iterations,
         },
