@@ -91,7 +91,7 @@ _READING = {
         "Check a known value; where the export is not scaled, give --scale ROLE=FACTOR.",
     ),
     "gap": _warning(
-        "Samples are missing: the time between two of them is a multiple of the usual sample time.",
+        "Samples are missing: the time between two of them is many times the usual sample time.",
         "Check what the inputs did during the gap, or keep to one side of it with `--window`.",
     ),
     "header-again": _information(

@@ -188,14 +188,14 @@ class DriveBlock(DryDriveBlock):
         if signal.time.size == 1:
             return np.array([place])
         run = Experiment("record", 0, signal.time, {role.name: signal}, 0.0, False)
-        return place + self._follow(run, velocity)
+        return place + self._follow(run, velocity, logged=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the input of an experiment, from rest; see :meth:`.Block.predict`."""
-        return self._follow(experiment, 0.0)
+        return self._follow(experiment, 0.0, logged=True)
 
-    def _follow(self, experiment: Experiment, velocity: float) -> FloatArray:
-        model = DriveModel([experiment], axis_of(self.variant))
+    def _follow(self, experiment: Experiment, velocity: float, *, logged: bool) -> FloatArray:
+        model = DriveModel([experiment], axis_of(self.variant), logged=logged)
         return np.real(model.columns(0, {**self.numbers(), "initial_speed[0]": velocity}).known)
 
 

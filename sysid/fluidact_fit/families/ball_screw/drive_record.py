@@ -1,4 +1,4 @@
-"""Errors of the recorded drive: noise of a measured one, noise of a command, missing rows."""
+"""Errors of the recorded drive: noise of a measured one, noise of a command, lost rows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.inputs import settled_hold
+from ...estimation.lost_rows import find_lost_rows
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted
 from ...estimation.uncertainty import covariance, largest
@@ -21,33 +22,32 @@ _WANDERS = 20  # rows over which white noise averages out, but not what a wrong 
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
 _HELD_NOISE = (5e-4, 0.02)
-_MISSING = 1.5  # sample times between two samples, from which rows are missing between them
 
 
 def with_drive_noise(
     fitted: Fitted, axis: Axis, experiments: Sequence[Experiment], seed: int
 ) -> Fitted:
-    """Return the fit with the noise of a measured drive in its covariance.
+    """Return the fit with the errors of its recorded drive in its covariance.
 
-    Noise moves the instants of break-away and, until the next stop, the speed. Residuals show only
+    They move the instants of break-away and, until the next stop, the speed. Residuals show only
     part of that: few break-aways tell a static level. So the drive is disturbed at random by as
-    much noise as it shows, followed through all events, and the estimate moved by
+    much as it may be wrong - by the noise of a measured one, and by what the values of lost rows
+    are not known to -, followed through all events, and the estimate moved by
     ``(J'J)^-1 J' dy``. Where the residual wanders less than what is left of ``dy``, part of the
     noise was in the machine (such as rounding of a command), and the moves count for less.
     """
-    noise = [_measured_noise(e.signals[axis.drive]) for e in experiments]
-    if not any(noise) or not fitted.names:
+    errors = [_errors(e.signals[axis.drive]) for e in experiments]
+    if not any(e.any() for e in errors) or not fitted.names:
         return fitted
     rng = np.random.default_rng(seed)
-    clean = DriveModel(experiments, axis).compared_rows(fitted.values)
+    model = DriveModel(experiments, axis)
+    clean = model.compared_rows(fitted.values)
     jacobian = fitted.solution.jacobian
     plain = covariance(jacobian, fitted.solution.residuals, robust=False).covariance
     moves, left = list[FloatArray](), list[float]()
     while len(moves) < _DRAWS:
-        noisy = [_disturbed(e, axis, s, rng) for e, s in zip(experiments, noise)]
-        shifts = [
-            a - b for a, b in zip(DriveModel(noisy, axis).compared_rows(fitted.values), clean)
-        ]
+        noisy = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
+        shifts = [a - b for a, b in zip(noisy.compared_rows(fitted.values), clean)]
         change = [shift - shift.mean() for shift in shifts]  # the offset of a run is free
         moves.append(np.linalg.lstsq(np.vstack(jacobian), np.concatenate(change), rcond=1e-12)[0])
         left.append(sum(_wander(c - j @ moves[-1]) for c, j in zip(change, jacobian)))
@@ -58,16 +58,6 @@ def with_drive_noise(
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     both = largest([fitted.covariance, plain + share * added])
     return replace(fitted, covariance=both)
-
-
-def _disturbed(
-    experiment: Experiment, axis: Axis, noise: float, rng: np.random.Generator
-) -> Experiment:
-    """Return the run with white noise on its drive."""
-    signal = experiment.signals[axis.drive]
-    values = signal.values + noise * rng.standard_normal(signal.values.size)
-    changed = {axis.drive: replace(signal, values=values)}
-    return replace(experiment, signals={**experiment.signals, **changed})
 
 
 def _wander(rows: FloatArray) -> float:
@@ -85,20 +75,12 @@ def _wander(rows: FloatArray) -> float:
 
 
 def drive_notices(axis: Axis, experiments: Sequence[Experiment]) -> Iterator[Notice]:
-    """Warn of rows that are missing, and of a drive that is taken for held and carries noise.
+    """Warn of a drive that is taken for held and carries noise, which no command does.
 
     A static level is then sought between values that never acted; the search cannot know by how
     much it is off.
     """
     drives = [e.signals[axis.drive] for e in experiments]
-    missing = sum(map(_missing_rows, drives))
-    if missing:
-        yield Notice(
-            "gap",
-            f"at {missing} places rows are missing, in which nobody knows the {axis.drive}: what "
-            "it did there to the motion is not in the intervals. Log every row, or keep to a "
-            "part without gaps by --window.",
-        )
     noise = max(map(_held_noise, drives))
     if noise:
         yield Notice(
@@ -110,15 +92,15 @@ def drive_notices(axis: Axis, experiments: Sequence[Experiment]) -> Iterator[Not
         )
 
 
-def _missing_rows(signal: Signal) -> int:
-    """Count the gaps between samples of a drive."""
-    steps = np.diff(signal.time)
-    return int(np.count_nonzero(steps > _MISSING * np.median(steps))) if steps.size else 0
-
-
-def _measured_noise(signal: Signal) -> float:
-    """Standard deviation of the noise of a drive that is not a command [SI]."""
-    return 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
+def _errors(signal: Signal) -> FloatArray:
+    """Standard deviations of a drive at its nodes, lost rows included [SI]."""
+    noise = 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
+    lost = find_lost_rows(signal)
+    time = signal.time if lost is None else np.concatenate((signal.time, lost.time))
+    errors = np.full(time.size, noise)
+    if lost is not None:
+        errors[signal.time.size :] = np.hypot(noise, lost.error)
+    return errors[np.argsort(time, kind="stable")]
 
 
 def _held_noise(signal: Signal) -> float:

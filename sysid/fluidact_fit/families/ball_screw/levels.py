@@ -76,7 +76,10 @@ def refine_levels(
     # far beyond the noise no other instant of a break-away would make the misfit small
     if at.cost < (_BEYOND_HELP * stage.noise) ** 2 * sum(e.samples for e in part):
         at, brackets = fine.settle(at, brackets)
-    return stage.at(at.values), brackets
+    unsure = stage.unknown_drive  # the drive of a row that was lost is known to that
+    wide = {n: replace(b, low=max(b.low - unsure, 0.0), high=b.high + unsure)
+            for n, b in brackets.items()}  # fmt: skip
+    return stage.at(at.values), wide
 
 
 def hold_levels(stage: Stage, brackets: Mapping[str, Bracket]) -> Stage:

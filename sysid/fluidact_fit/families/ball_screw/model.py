@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.price import simulated
 from ...estimation.problem import Basis, Slopes
@@ -94,18 +96,30 @@ class DriveModel:
     """Stick-slip response of one or several logs as a named model.
 
     A static level below its kinetic one acts as the kinetic level. ``initial_speed[i]`` is a
-    nuisance value of the runs that do not start at rest.
+    nuisance value of the runs that do not start at rest. ``logged`` says that a logger recorded
+    the drive, which may have lost rows; a drive that somebody chose has all of them, however
+    uneven.
     """
 
     def __init__(
-        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
-    ) -> None:
+        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None,
+        *, logged: bool = True,
+    ) -> None:  # fmt: skip
         self.axis, self.compared = axis, compared or Compared()
         self.times = [e.time for e in experiments]
-        self.inputs = [Passes.on_samples(e.signals[axis.drive], e.time) for e in experiments]
+        drives = [e.signals[axis.drive] for e in experiments]
+        self.drives = [fill_lost_rows(s) for s in drives] if logged else drives
+        self.inputs = [Passes.on_samples(s, t) for s, t in zip(self.drives, self.times)]
         motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(s.values) for s in motions]
         self.resolutions = [s.resolution for s in motions]
+
+    def disturbed(self, errors: Sequence[FloatArray]) -> DriveModel:
+        """The model under drives with errors at their nodes, lost rows included [SI]."""
+        other = copy(self)
+        other.drives = [replace(s, values=s.values + e) for s, e in zip(self.drives, errors)]
+        other.inputs = [Passes.on_samples(s, t) for s, t in zip(other.drives, self.times)]
+        return other
 
     def motion(self, index: int, values: Values) -> tuple[Motion, npt.NDArray[np.intp]]:
         """Simulated motion of one log and the nodes that are its samples.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.inputs import settled_hold
+from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.problem import Problem, StationaryPoint, Unknown
@@ -75,6 +76,12 @@ class Stage:
         """Return whether the drive is held between samples in every run."""
         drives = [e.signals[self.axis.drive] for e in self.experiments]
         return all(settled_hold(s) == "zoh" for s in drives)
+
+    @property
+    def unknown_drive(self) -> float:
+        """Standard deviation of the drive in rows that were lost [SI]; 0 without any."""
+        lost = [find_lost_rows(e.signals[self.axis.drive]) for e in self.experiments]
+        return max((float(rows.error.max()) for rows in lost if rows), default=0.0)
 
     @property
     def rounding(self) -> float:
