@@ -348,8 +348,7 @@ _FAMILIES = {
     "command-noise": _warning(
         "The command carries noise, which a hysteresis takes for motion and a static level for a "
         "break-away.",
-        "Log the command as the controller gives it, or one that rests at levels; give `--hold` "
-        "if it was measured.",
+        "Log the command as the controller gives it; give `--hold` if it was measured.",
     ),
     "curve-misses": _warning(
         "The calibration curve misses the readings by more than neighbouring readings scatter.",
