@@ -74,12 +74,12 @@ def _echo_families(advice: Sequence[Suggestion]) -> None:
 
 
 def _echo_incomplete(advice: Sequence[Suggestion], *, other: bool) -> None:
-    """Print families of which somebody has to say which column is what, and a command to complete.
+    """Print families whose columns the user has to assign, and a command to complete.
 
     ``other`` says whether families with a column for every role stand above.
     """
     best = advice[0]
-    echo_text("Families of which the log does not tell which column is what:" if other
+    echo_text("Families that could fit; the log does not say which column has which role:" if other
               else best.basis, "")  # fmt: skip
     rows: dict[str, list[str]] = {}
     for s in advice:
@@ -94,7 +94,7 @@ def _echo_incomplete(advice: Sequence[Suggestion], *, other: bool) -> None:
     for columns, names in roles.items():
         every = "every role" if len(roles) == 1 else ", ".join(names)
         echo_text(f"candidates for {every}: {', '.join(columns)}")
-    echo("next, with the family of the machine and what stands in capitals filled in:")
+    echo("next (name your family, and replace the words in capitals):")
     echo(f"  {_command(best)}")
 
 

@@ -1,4 +1,4 @@
-"""Help texts no wider than the terminal, parts that click leaves as they are included."""
+"""Wrap help texts to the terminal, preformatted parts included."""
 
 from __future__ import annotations
 

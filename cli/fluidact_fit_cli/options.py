@@ -14,7 +14,6 @@ from .errors import Invocation
 from .help_width import FittingHelp
 from .parse import (
     Parsed,
-    Step,
     assigned,
     collect,
     parse_count,
@@ -178,7 +177,8 @@ READING: list[click.Parameter] = [
                "'a*.csv:command=0:5'.", _READING),
     Option(["--window", "--fit-window", "window"], group=_READING,
            type=Parsed("START:END", "--window 0.5:3", parse_window),
-           help="Part of the log to use, in seconds; either side may be empty."),
+           help="Part of the log to use, in seconds or with a unit (1:5min); either side may be "
+           "empty."),
     assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
                "How an input moves between its samples: zoh (held), foh (straight lines) or "
                "smooth (a smooth curve); auto chooses foh or smooth (zoh for a signal with two "
@@ -252,27 +252,8 @@ def reading(params: Mapping[str, Any]) -> dict[str, Any]:
     given: dict[str, Any] = {n: params.get(n) for n in ("sample_time", "window", "invalid")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {name: params[name] for name in ("exclude", "exclude_rows", "set")}
-    given["steps"] = {role: StepInput(*step[:3]) for role, step in params["step"].items()}
-    by_role["units"] = with_units_of_steps("--step", params["step"], by_role["units"])
+    given["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
     return {**given, "from_name": params["from_name"], **by_role}
-
-
-def with_units_of_steps(
-    option: str, steps: Mapping[str, Step], units: Mapping[str, str]
-) -> dict[str, str]:
-    """The units of roles, and those that stand behind the values of steps (``UsageError``)."""
-    from fluidact_fit.logs.opening import split_part
-
-    found = dict(units)
-    for key, step in steps.items():
-        role = split_part(key)[1]
-        if step.unit is not None and found.setdefault(role, step.unit) != step.unit:
-            raise UsageError(
-                f"{option} {key} is in {step.unit}, and another option says that {role} is in "
-                f"{found[role]}.",
-                remedy="Give one unit: a role has the same one in all logs.",
-            )
-    return found
 
 
 def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:

@@ -154,11 +154,17 @@ def parse_range(text: str) -> tuple[float, float]:
 
 
 def parse_window(text: str) -> tuple[float | None, float | None]:
-    """Return ``START:END`` [s], each with a unit or not; a side that is empty is ``None``."""
+    """Return ``START:END`` [s]; a side that is empty is ``None``.
+
+    A unit behind ``END`` is that of both, unless ``START`` has its own.
+    """
     sides = _split(text)
     if not any(sides):
         raise ValueError("both sides are empty")
-    low, high = (in_si("s", side) if side else None for side in sides)
+    ends = [parse_quantity(side) if side else None for side in sides]
+    if isinstance(ends[0], float) and isinstance(ends[1], NumberWithUnit):
+        ends[0] = NumberWithUnit(ends[0], ends[1].unit)
+    low, high = (x.in_unit("s") if isinstance(x, NumberWithUnit) else x for x in ends)
     if low is not None and high is not None and low >= high:
         raise ValueError(f"{low:g} is not before {high:g}")
     return low, high

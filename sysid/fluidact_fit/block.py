@@ -201,12 +201,12 @@ class Block(Presented, ABC):
             )
         self.parameters.refused = self.parameters.refused - given
 
-    def simulate(self, given: Any, time: npt.ArrayLike | None = None, **how: Any) -> Any:
+    def simulate(self, values: Any, time: npt.ArrayLike | None = None, **how: Any) -> Any:
         """Simulate logs, or samples of the input, as :meth:`.result.FitResult.simulate` does.
 
         Parameters
         ----------
-        given
+        values
             Logs as :func:`.fit` takes them, columns bound as those of the fit were unless ``how``
             says otherwise; or samples of the input, shape ``(n,)`` [unit of the input].
         time
@@ -226,10 +226,10 @@ class Block(Presented, ABC):
         NotIdentifiedError
             When a parameter was not identified and not accepted.
         """
-        if time is None and not are_samples(given) and self.log_simulator is not None:
+        if time is None and not are_samples(values) and self.log_simulator is not None:
             for name in self.parameters:
                 self.parameters[name]  # refuses one that was not identified
-            return self.log_simulator(self.document, given, **how)
+            return self.log_simulator(self.document, values, **how)
         simulate = getattr(self, "simulate_samples", None)
         if simulate is None:
             raise UsageError(
@@ -237,7 +237,7 @@ class Block(Presented, ABC):
                 expected="Expected logs: paths, DataFrames or mappings of header to array.",
                 remedy="Give logs, or use the methods of the model itself.",
             )
-        return np.asarray(simulate(given, time, **how))
+        return np.asarray(simulate(values, time, **how))
 
     def numbers(self) -> dict[str, float]:
         """Every single-valued parameter [SI].

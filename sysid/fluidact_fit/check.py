@@ -23,7 +23,7 @@ from .presentation import ParametersLike, document_of, weak_file
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
 from .tables import Table, format_number, format_quantity, format_spread, percent_text
-from .units import display_unit
+from .units import after_number, display_unit
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
@@ -420,7 +420,7 @@ def _reasons(
             by = f" ({percent})" if percent else ""
             given = f", with {', '.join(drift.held)} as in the file" if drift.held else ""
             found.append(
-                f"{drift.name} moved from {before} to {now} {unit}{by}, {sigmas} combined "
-                f"standard errors{given}."
+                f"{drift.name} moved from {before} to {now}{after_number(unit)}{by}, {sigmas} "
+                f"combined standard errors{given}."
             )
     return tuple(found)

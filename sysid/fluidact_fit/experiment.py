@@ -122,8 +122,7 @@ class Experiment:
         Index of the log this run came from, counted from 0.
     time
         Instants of the samples, shape ``(n,)`` [s]; strictly increasing. Empty for
-        static data without a time column. Those of a long log on a grid are made where they
-        are asked for (:mod:`.rows`), which numpy takes for an array.
+        static data without a time column.
     signals
         Role to signal.
     sample_time

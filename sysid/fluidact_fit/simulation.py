@@ -161,9 +161,11 @@ def simulate_steps(
     for role in roles:
         if role.name in inputs:
             covered = document.validity.get(role.name)
-            unit = units.get(role.name) or (covered.unit if covered else role.unit)
+            step = inputs[role.name]
+            known = covered.unit if covered else role.unit
+            unit = step.unit or units.get(role.name) or known
             where = f"--unit {role.name}={unit}"
-            signals[role.name] = step_signal(in_unit(role, unit), inputs[role.name], where, unit)
+            signals[role.name] = step_signal(in_unit(role, unit), step, where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
     return simulate_runs(document, [run])
 

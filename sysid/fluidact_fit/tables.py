@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .units import display_unit
+from .units import after_number, display_unit
 
 _CELL = "padding:0.1em 0.6em;text-align:{};white-space:{};vertical-align:top"
 _MOST_PERCENT = 1000
@@ -49,7 +49,7 @@ def format_estimate(value: float, spread: float | None) -> str:
 def format_quantity(value: float, unit: str, recorded: Sequence[str] = (), digits: int = 4) -> str:
     """Return a value in SI as people read it, with its unit: see :func:`.units.display_unit`."""
     shown = display_unit(unit, abs(value), recorded)
-    return f"{value * shown.factor:.{digits}g} {shown.unit.removeprefix('1')}".rstrip()
+    return f"{value * shown.factor:.{digits}g}{after_number(shown.unit)}"
 
 
 def percent_text(value: float | None, form: str = ".2f") -> str:

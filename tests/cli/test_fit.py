@@ -212,7 +212,7 @@ def test_step_that_was_not_recorded(here: Run, inside: Path) -> None:
         (["inlet=-1:2bar@100ms"], 0, ""),
         (["inlet=-1bar:2 bar@0.1", "--window", "0:900 ms"], 0, ""),
         (["inlet=-1bar:2@0.1"], 2, "give one unit, behind 2"),
-        (["inlet=-1:2bar@0.1", "--unit", "inlet=kPa"], 2, "another option says that inlet is in"),
+        (["inlet=-1:2bar@0.1", "--unit", "inlet=kPa"], 0, ""),
         (["inlet=-1:2mm@0.1"], 3, "mm"),
     ],
 )
@@ -391,7 +391,7 @@ def test_fit_without_a_family_fits_the_chosen_one_once(
     here: Run, valve: Log, inside: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The trial that chose the family was thrown away, and the logs were read and fitted again."""
-    import fluidact_fit.advice
+    import fluidact_fit.advice.trial
     import fluidact_fit.fitting
 
     tried: list[str] = []
@@ -403,7 +403,7 @@ def test_fit_without_a_family_fits_the_chosen_one_once(
     original = fluidact_fit.fitting.fit
     log = valve()
     with monkeypatch.context() as counting:
-        for module in (fluidact_fit.fitting, fluidact_fit.advice):
+        for module in (fluidact_fit.fitting, fluidact_fit.advice.trial):
             counting.setattr(module, "fit", counted)
         done = here("fit", log, "-o", "found.yaml")
     assert done.status == 0, done.err
@@ -433,3 +433,57 @@ def test_columns_that_nothing_tells_are_not_guessed(here: Run, inside: Path) -> 
     done = here("valve", "plain.csv")
     assert done.status == 3
     assert "Did you mean" not in done.err
+
+
+def test_a_step_of_one_log_says_nothing_of_the_units_of_others(here: Run, inside: Path) -> None:
+    time = 0.01 * np.arange(300)
+    rng = np.random.default_rng(3)
+    tables = []
+    for size in (5.0, 3.0):
+        outlet = 2e4 * size * np.where(time > 0.1, 1 - np.exp(-(time - 0.1) / 0.2), 0.0)
+        tables.append((size * (time > 0.1), outlet + rng.normal(size=300)))
+    first = (f"{t:.2f},{y:.9g}" for t, y in zip(time, tables[0][1]))
+    second = (f"{t:.2f},{1e3 * u:g},{y:.9g}" for t, u, y in zip(time, *tables[1]))
+    Path("s1.csv").write_text("\n".join(["time [s],outlet [Pa]", *first]) + "\n")
+    Path("s2.csv").write_text("\n".join(["time [s],command [mV],outlet [Pa]", *second]) + "\n")
+    done = here("line", "s1.csv", "s2.csv", "--step", "s1.csv:command=0:5V@0.1")
+    assert done.status == 0, done.err
+    found = read_document("line.yaml")
+    assert found.parameters["gain"].value == pytest.approx(2e4, rel=0.01)
+
+
+def test_what_is_wrong_with_a_log_is_told_beside_a_file_that_exists(
+    here: Run, inside: Path
+) -> None:
+    Path("plain.csv").write_text("time,a,b\n" + "".join(f"{k},1,2\n" for k in range(30)))
+    Path("line.yaml").write_text("kept\n")
+    done = here("line", "plain.csv")
+    assert done.status == 3
+    assert "no column is named" in done.err
+    assert "line.yaml" in done.err
+    assert Path("line.yaml").read_text() == "kept\n"
+
+
+def test_a_window_of_a_log_without_roles_hides_no_missing_column(here: Run, inside: Path) -> None:
+    Path("plain.csv").write_text("a,b,c\n" + "".join(f"{k},1,2\n" for k in range(30)))
+    done = here("line", "plain.csv", "--window", "0:1")
+    assert done.status == 3
+    assert "no column is named 'time', 'inlet' and 'outlet'" in done.err
+
+
+def test_the_columns_of_all_logs_are_those_of_the_recorded_command(here: Run, inside: Path) -> None:
+    """The number of a column in the first log is that of another one in the second."""
+    import pandas as pd
+
+    folder = Path(__file__).parents[2] / "datasets" / "line"
+    order = ["t (ms)", "inlet (bar)", "outlet (bar)", "spare (bar)"]
+    for name, trial, columns in (("a", 1, order), ("b", 2, [*order[:2], *order[:1:-1]])):
+        table = pd.read_csv(folder / f"trial{trial}.csv")
+        table.columns = order[:3]
+        table["spare (bar)"] = 0.9 * table["outlet (bar)"] + 0.3
+        table[columns].to_csv(f"{name}.csv", index=False)
+    done = here("fit", "a.csv", "b.csv", "-o", "found.yaml")
+    assert done.status == 0, done.err
+    found = read_document("found.yaml")
+    headers = [source.columns["outlet"].header for source in found.provenance.logs]
+    assert headers == ["outlet (bar)", "outlet (bar)"]

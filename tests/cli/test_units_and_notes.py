@@ -14,6 +14,7 @@ import pytest
 from fluidact_fit import read_document
 from fluidact_fit.errors import Notice
 from fluidact_fit_cli.messages import echo_notices
+from fluidact_fit_cli.parse import parse_window
 
 Run = Callable[..., Any]
 Log = Callable[..., Path]
@@ -121,3 +122,14 @@ def test_a_terminal_has_them_wrapped(
         assert len(lines) > 2
         assert max(map(len, lines)) < 60
         assert all(line.startswith("  ") for line in lines[1:])
+
+
+@pytest.mark.parametrize(
+    ("text", "ends"),
+    [("1:5", (1.0, 5.0)), ("1:5min", (60.0, 300.0)), ("100:500ms", (0.1, 0.5)),
+     ("1s:2min", (1.0, 120.0)), (":500 ms", (None, 0.5)), ("0.5:", (0.5, None))],
+)  # fmt: skip
+def test_a_unit_behind_a_window_is_that_of_both_ends(
+    text: str, ends: tuple[float | None, float | None]
+) -> None:
+    assert parse_window(text) == pytest.approx(ends)

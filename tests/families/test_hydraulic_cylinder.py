@@ -281,6 +281,14 @@ def test_any_of_the_fitted_runs_is_simulated_near_the_fit() -> None:
     assert np.abs(near.output - due.output).max() < 2.5e-5
 
 
+def test_runs_of_logs_with_one_name_are_told_apart_near_the_fit() -> None:
+    """Of d1/run.csv and d2/run.csv both were taken for the first."""
+    solution, runs = fitted().solution, [replace(e, name="run.csv") for e in fitted().experiments]
+    near = replace(solution.simulate_near, runs=[(e.log, e.name) for e in runs])
+    (found,) = near(solution.plant, runs[1:2])
+    assert np.abs(found.output - solution.runs[1].simulated.output).max() < 2.5e-5
+
+
 def test_a_late_command_counts_by_its_mean() -> None:
     t, u = 1e-3 * np.arange(5), np.array([0.0, 1.0, 2.0, 2.0, -1.0])
 

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import LogError, MissingColumnError, NotIdentifiedError, UsageError
+from fluidact_fit.errors import (
+    FluidactError,
+    LogError,
+    MissingColumnError,
+    NotIdentifiedError,
+    UsageError,
+)
 from fluidact_fit.families import get_family
 from fluidact_fit.files import shell_command
 
@@ -207,7 +213,7 @@ def _refuse_existing(
         try:
             _check_logs(family, params)
         except LogError as error:
-            raise type(error)(
+            raise LogError(
                 error.what, where=error.where, expected=error.expected,
                 remedy="\n".join(filter(None, (error.remedy, f"Besides, {taken.text}"))),
             ) from error  # fmt: skip
@@ -309,10 +315,14 @@ def _propose_columns(family: str, log: Log) -> str:
     """The options that say which columns the roles are, where units and names leave no doubt."""
     from fluidact_fit.advice import column_options, suggest
 
-    found = suggest([log], [log.name], family, trial=False)
+    try:
+        found = suggest([log], [log.name], family, trial=False)
+    except FluidactError:
+        return ""  # that a column is missing is what has to be said
     if not found or found[0].unsure or found[0].basis:
         return ""
-    return f"Did you mean {shell_command(column_options(found[0], log))}?"
+    words = column_options(found[0], log)
+    return f"Did you mean {shell_command(words)}?" if words else ""
 
 
 def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:

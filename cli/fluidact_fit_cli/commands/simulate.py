@@ -23,7 +23,6 @@ from ..options import (
     parsed,
     read_logs,
     read_params,
-    with_units_of_steps,
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_seconds, parse_step
@@ -175,9 +174,10 @@ def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[
     from fluidact_fit.logs import StepInput
     from fluidact_fit.simulation import beyond_validity, simulate_steps
 
-    steps = {role: StepInput(*step[:3]) for role, step in params["input"].items()}
-    units = with_units_of_steps("--input", params["input"], params["unit"])
-    runs = simulate_steps(document, steps, units, params["duration"], params["sample_time"])
+    steps = {role: StepInput(*step) for role, step in params["input"].items()}
+    runs = simulate_steps(
+        document, steps, params["unit"], params["duration"], params["sample_time"]
+    )
     if not params["quiet"]:
         echo_notices(beyond_validity(document, [run.experiment for run in runs]))
     return runs

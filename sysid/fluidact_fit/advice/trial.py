@@ -13,8 +13,8 @@ from ..estimation.inputs import settle_holds
 from ..experiment import Experiment
 from ..families import get_family
 from ..fitting import fit
-from ..logs import Log, experiments
-from ..logs.columns import time_candidate
+from ..logs import Log, experiments, selected_part
+from ..logs.columns import find_column, reference_of, time_candidate
 from ..model_free import Views, view_fit, view_runs
 from .suggestion import Suggestion
 
@@ -28,7 +28,7 @@ def try_fits(
     progress: Callable[[str], None] | None = None,
 ) -> list[Suggestion]:
     """Return suggestions with the outcome of a fit; very long logs are not tried."""
-    rows = sum(log.rows for log in logs)
+    rows = sum(selected_part(log).rows for log in logs)
     if rows > _ROWS:
         reason = f"not tried: {rows} rows are more than {_ROWS}"
         return [replace(s, reason=reason) for s in suggestions]
@@ -42,7 +42,7 @@ def _try_fit(
     if progress is not None:
         progress(f"trying {s.family}")
     try:
-        result = fit(s.family, [bound_log(log, s) for log in logs])
+        result = fit(s.family, bound_logs(logs, s))
     except NotIdentifiedError as error:
         return replace(s, verdict="refused", reason=_one_line(error))
     except (UsageError, LogError) as error:
@@ -75,6 +75,13 @@ def bound_log(log: Log, s: Suggestion) -> Log:
     return replace(log, bindings={r: at for r, at in bindings.items() if r in roles})
 
 
+def bound_logs(logs: Sequence[Log], s: Suggestion) -> list[Log]:
+    """Return logs bound as by the command of a suggestion: by the headers of the first."""
+    first = bound_log(logs[0], s)
+    words = {r: reference_of(first, find_column(first, r, at)) for r, at in first.bindings.items()}
+    return [replace(log, bindings={**words, **log.bindings}) for log in logs]
+
+
 def views_of(s: Suggestion, logs: Sequence[Log]) -> Views | None:
     """Response of the output without a model, and that of the trial's model."""
     if s.result is not None:
@@ -82,8 +89,8 @@ def views_of(s: Suggestion, logs: Sequence[Log]) -> Views | None:
     variant = get_family(s.family).variant(s.variant)
     runs: list[Experiment] = []
     try:
-        for index, log in enumerate(logs):
-            runs += experiments(bound_log(log, s), variant, index=index)[0]
+        for index, log in enumerate(bound_logs(logs, s)):
+            runs += experiments(log, variant, index=index)[0]
         return view_runs(variant, settle_holds(runs))
     except (LogError, UsageError):
         return None

@@ -148,7 +148,8 @@ _CAUSES = "tests/assessment/test_refusal_causes.py"
 CAUSE_SAMPLES = _declare(
     "cause_samples", 200, "samples of a log that shows a cause", _CAUSES)
 SWAPPED = _declare(
-    "swapped", 4.0, "times as much that follows as precedes, where columns are swapped", _CAUSES)
+    "swapped", 4.0,
+    "ratio of following to preceding correlation at which two columns count as swapped", _CAUSES)
 LEADS_AGREE = _declare(
     "leads_agree", 0.5, "part of the largest correlation, from which on two signals agree", _CAUSES)
 LEADS_LATER = _declare(
@@ -158,7 +159,7 @@ LEADS_CHANCE = _declare(
 SIGN_CORRELATION = _declare(
     "sign_correlation", 0.5, "correlation with the input that tells its sign", _CAUSES)
 SIGN_ASIDE = _declare(
-    "sign_aside", 0.8, "part of it that output and change of the output may have of the other sign",
+    "sign_aside", 0.8, "largest share of that correlation that the opposite sign may have",
     _CAUSES)
 SIDES_DIFFER = _declare(
     "sides_differ", 1.5, "times the response to the other sign, which equal sides do not give",
@@ -184,7 +185,8 @@ STOP_INPUT = _declare(
 STOP_MOVING = _declare(
     "stop_moving", 0.05, "part of the largest speed, at which something moves", _CAUSES)
 STOP_PUSHED = _declare(
-    "stop_pushed", 0.2, "part of that time, in which the input would move it elsewhere", _CAUSES)
+    "stop_pushed", 0.2, "share of the time at the stop in which the input pushes away from it",
+    _CAUSES)
 # numbers that no actuator has
 _UNITS = "tests/assessment/test_implausible.py"
 LARGEST_AREA = _declare(

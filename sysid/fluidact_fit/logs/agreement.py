@@ -66,8 +66,9 @@ def _stated(log: Log, variant: Variant) -> Iterator[_Stated]:
     for name, b in bind_roles(log, variant.roles).items():
         yield _Stated(log, name, b.role.unit, b.unit, b.assumed)
     for name in (r.name for r in variant.roles if r.name in log.steps):
-        role = in_unit(variant.role(name), log.units.get(name))
-        yield _Stated(log, name, role.unit, log.units.get(name, role.unit), name not in log.units)
+        unit = log.steps[name].unit or log.units.get(name)
+        role = in_unit(variant.role(name), unit)
+        yield _Stated(log, name, role.unit, unit or role.unit, unit is None)
 
 
 def _require_one_quantity(stated: Sequence[_Stated], remedy: str = "") -> None:

@@ -38,9 +38,9 @@ def describe(log: Log) -> dict[str, Any]:
         ``rows_used`` where not all rows are.
     """
     part = selected_part(log)
-    notices = [*log.notices, *(n for c in log.columns for n in check_placeholders(log, c))]
+    notices = [*log.notices, *(n for c in part.columns for n in check_placeholders(part, c))]
     time = _describe_time(log, notices)
-    notices += _turns(log)
+    notices += _turns(part)
     dialect = log.dialect
     return {
         "file": log.name,

@@ -202,9 +202,9 @@ def _make_experiments(
         }
         for role in variant.roles:
             if role.name in log.steps:
-                unit, scale = log.units.get(role.name), log.scales.get(role.name, 1.0)
+                step, scale = log.steps[role.name], log.scales.get(role.name, 1.0)
+                unit = step.unit or log.units.get(role.name)
                 where = f"--step {role.name}=..."
-                step = log.steps[role.name]
                 signals[role.name] = step_signal(in_unit(role, unit), step, where, unit, scale)
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(

@@ -33,11 +33,14 @@ class StepInput:
         Value before and after the step [unit of the role, SI unless a unit is given].
     at
         Instant of the step on the run's own time [s].
+    unit
+        Unit of both values; ``None`` for that of the role.
     """
 
     start: float
     end: float
     at: float = 0.0
+    unit: str | None = None
 
 
 @dataclass(frozen=True)

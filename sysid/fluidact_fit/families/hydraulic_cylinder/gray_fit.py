@@ -204,7 +204,7 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,
         NoiseModel(matrix), jacobians=_jacobians(point),
-        simulate_near=Nearby(point, [e.name for e in case.experiments]),
+        simulate_near=Nearby(point, [(e.log, e.name) for e in case.experiments]),
         derived={**gains, **_resonance(case, solved)},
         notices=notices,
         details={

@@ -35,11 +35,11 @@ class Nearby:
 
     The search for initial states begins with derivatives, which cost most of it. Near the fit
     its own are as good: a change ``d`` of the channels becomes ``d - Q Q' d``, ``Q`` a basis of
-    what the initial states can say. ``names`` are those of the runs.
+    what the initial states can say. ``runs`` are log and name of each fitted one.
     """
 
     fit: GrayPoint
-    names: Sequence[str]
+    runs: Sequence[tuple[int, str]]
 
     def __call__(
         self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
@@ -50,7 +50,7 @@ class Nearby:
         return [self._run(e, box, values) for e in experiments]
 
     def _run(self, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
-        problem, k, n = self.fit.problem, self.names.index(e.name), e.samples
+        problem, k, n = self.fit.problem, self.runs.index((e.log, e.name)), e.samples
         whole, states = problem.logs[k], self.fit.states[k][:n]
         log = replace(whole.cut(0, n), command=mean_command(e))
         change = (box.simulate(log, states[0], values) - states).T[: len(CHANNELS)]

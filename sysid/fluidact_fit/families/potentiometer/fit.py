@@ -365,14 +365,15 @@ def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> list[Not
 def _bound_notice(fit: MapFit) -> list[Notice]:
     """Warn of weights that rest on their bound."""
     model = model_of(fit)
-    own = ~fit.free.reshape(model.branches, -1)
-    bounded = int(np.count_nonzero(own[:, model.degree + 1 :]))
-    if not bounded:
+    bounded = ~fit.free.reshape(model.branches, -1)[:, model.degree + 1 :]
+    if not bounded.any():
         return []
+    falling = ("", " (falling)")
+    names = [f"of control point {i + 1}{falling[k]}" for k, i in np.argwhere(bounded)]
     advice = "Give another --degree." if model.degree > 1 else "Give --degree 2 or more."
     text = (
-        f"{bounded} of the weights rest on the bound of 50 that keeps the curve from bending too "
-        f"sharply; their intervals do not count. {advice}"
+        f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from bending "
+        f"too sharply ({', '.join(names)}); their intervals do not count. {advice}"
     )
     return [Notice("weight-at-bound", text)]
 

@@ -249,7 +249,7 @@ def _second_order(
 ) -> list[dict[str, FloatArray]]:
     """Change of the outlet by a second time constant, per its size.
 
-    Not by a tiny one, which acts as a dead time and a longer time constant do.
+    A tiny one could not be told from a dead time with a longer time constant.
     """
     size = _PART * plant.numbers["time_constant"]
     behind = replace(plant, values={**plant.values, _SECOND: size})
