@@ -56,3 +56,41 @@ def test_seconds_that_are_fitted_do_not_validate(fit: Fit) -> None:
         fit(LOGS[:1], window=(0, 6), validate_window=(5, None))
     with pytest.raises(ff.UsageError, match="an iterator gives them once"):
         fit(iter(LOGS[:1]), window=(0, 5), validate_window=(5, None))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"columns": {"command": 2}}, "number of a column as '#2'"),
+        ({"columns": ["Sollwert [V]"]}, "no mapping of role to value"),
+        ({"units": "bar"}, "no mapping of role to value"),
+        ({"window": "0.5s:2s"}, "no pair of times"),
+        ({"window": 2}, "no pair of times"),
+        ({"window": ("0.5s", "2s")}, "is no number"),
+        ({"scales": {"outlet": "x"}}, "is no number"),
+        ({"sample_time": "10 ms"}, "is no number"),
+        ({"fixed": "dead_time=12 ms"}, "no mapping of name to number"),
+    ],
+)
+def test_keywords_of_another_kind_are_named(given: dict[str, object], words: str) -> None:
+    """They ended in the TypeError or ValueError of whatever read them first."""
+    with pytest.raises(ff.UsageError, match=words):
+        ff.fit("valve", LOGS[0], **{"columns": COLUMNS, **given})
+
+
+def test_a_keyword_that_does_not_exist_is_named(fit: Fit) -> None:
+    with pytest.raises(ff.UsageError, match="Did you mean window"):
+        fit(LOGS[0]).simulate(LOGS[1], windw=(0.0, 1.0))
+
+
+def test_columns_are_found_where_only_the_brackets_of_a_unit_differ(
+    fit: Fit, tmp_path: Path
+) -> None:
+    fit(LOGS[0]).save(tmp_path / "valve.yaml")
+    text = LOGS[1].read_text(encoding="utf-8")
+    for unit, brackets in (("bar", "(bar)"), ("kPa", "(kPa)")):
+        log = tmp_path / f"{unit}.csv"
+        log.write_text(text.replace("[V]", "(V)").replace("[bar]", brackets), encoding="utf-8")
+    assert ff.check(tmp_path / "valve.yaml", tmp_path / "bar.csv").fits
+    with pytest.raises(ff.LogError, match="outlet"):  # numbers in another unit are not these
+        ff.check(tmp_path / "valve.yaml", tmp_path / "kPa.csv")

@@ -16,9 +16,9 @@ from __future__ import annotations
 import html
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from math import hypot
+from math import hypot, isclose
 from os import PathLike
 from pathlib import Path
 from typing import Any, Unpack, cast
@@ -28,11 +28,12 @@ import numpy as np
 from .errors import UsageError
 from .families import get_family
 from .logs import Log, LogLike, Reading, describe, open_logs
+from .options import describe as describe_options
 from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, Presented, document_of
 from .tables import Table, format_estimate, format_number, probability_text
-from .units import display_unit
+from .units import after_number, display_unit
 
 _PARAMETERS = (".yaml", ".yml")
 # Keywords that the command line has by another name.
@@ -134,7 +135,8 @@ class _Compared(ABC):
 class Comparison(_Compared):
     """Parameter files of one family beside each other [SI].
 
-    Tables are in the ``recorded_units`` of the first file where these suit.
+    Tables are in the ``recorded_units`` of the first file where these suit; ``options`` are
+    sentences about given numbers that differ.
     """
 
     family: str
@@ -142,6 +144,7 @@ class Comparison(_Compared):
     parameters: tuple[ParameterComparison, ...]
     together: tuple[Together, ...]
     recorded_units: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text."""
@@ -159,7 +162,7 @@ class Comparison(_Compared):
     def conclusions(self) -> tuple[str, ...]:
         """Conclusions from all parameters of each file together."""
         scale = "Differences are in standard errors of the difference."
-        return (scale, *(t.words for t in self.together))
+        return (scale, *self.options, *(t.words for t in self.together))
 
 
 def _number(value: float | None, error: float | None, status: str | None, factor: float) -> str:
@@ -259,10 +262,46 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
             )
     tables = [_entries(document) for _, document in files]
     every = list(dict.fromkeys(n for table in tables for n in table))
+    _require_one_unit([name for name, _ in files], tables)
     parameters = tuple(_beside(n, tables) for n in every)
     together = tuple(_together(first, name, other) for name, other in files[1:])
     names = tuple(n for n, _ in files)
-    return Comparison(first.family, names, parameters, together, recorded_units(first))
+    options = tuple(_different_options(files))
+    return Comparison(first.family, names, parameters, together, recorded_units(first), options)
+
+
+def _require_one_unit(names: Sequence[str], tables: Sequence[Mapping[str, _Entry]]) -> None:
+    """Refuse files in which a parameter is another quantity: their machines were read otherwise."""
+    for parameter, known in tables[0].items():
+        for name, table in zip(names[1:], tables[1:]):
+            if parameter in table and table[parameter].unit != known.unit:
+                raise UsageError(
+                    f"{parameter} is in {table[parameter].unit} in {name} and in {known.unit} in "
+                    f"{names[0]}: a column was in another quantity.",
+                    remedy="Compare files whose logs were in the same quantities.",
+                )
+
+
+def _different_options(files: Sequence[tuple[str, ParameterDocument]]) -> Iterator[str]:
+    """Sentences about numbers that were given or settled otherwise: parameters depend on them."""
+    first, known = files[0]
+    options = describe_options(get_family(known.family).options_type)
+    units = {option.name: option.unit for option in options}
+    for name, document in files[1:]:
+        settled = known.options or {}
+        for option, value in (document.options or {}).items():
+            before, unit = settled.get(option), after_number(units.get(option, ""))
+            if (
+                not unit
+                or not isinstance(value, int | float)
+                or not isinstance(before, int | float)
+            ):
+                continue
+            if not isclose(value, before, rel_tol=1e-9):
+                yield (
+                    f"--{option} is {value:.6g}{unit} in {name} and {before:.6g}{unit} in {first}: "
+                    "parameters that depend on it differ by that, too."
+                )
 
 
 def _require_two(given: Sequence[Any]) -> None:

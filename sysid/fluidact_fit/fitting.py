@@ -39,8 +39,10 @@ from .logs.source import files_of
 from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
+from .units import after_number
 
 _MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 200 bytes of each
+_AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
 
@@ -252,6 +254,11 @@ def _open(
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
     """Values by name as finite numbers; ``UsageError`` for anything else."""
     out = {}
+    if given is not None and not isinstance(given, Mapping):
+        raise UsageError(
+            f"{option}={given!r} is no mapping of name to number.",
+            remedy="Give one, as {'dead_time': 0.012}.",
+        )
     for name, value in (given or {}).items():
         try:
             number = float(value)
@@ -379,7 +386,8 @@ def _solve(
     try:
         with _blaming_the_numbers(), counting(samples) as price:
             found = family.estimate(variant, experiments, request)
-            return _priced(found, price)
+            bounded = list(_at_given_bounds(found, request.bounds))
+            return _priced(replace(found, notices=[*bounded, *found.notices]), price)
     except (NotIdentifiedError, LogError, UsageError) as error:
         causes = find_implausible(family, request.options, variant, experiments)
         if not causes and isinstance(error, NotIdentifiedError):
@@ -390,6 +398,25 @@ def _solve(
             " ".join([*(c.words for c in causes), error.what]), where=error.where,
             expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),
         ) from error  # fmt: skip
+
+
+def _at_given_bounds(
+    found: Solution[FamilyOptions], bounds: Mapping[str, tuple[float, float]]
+) -> Iterator[Notice]:
+    """Warn of estimates that end where the user's bounds do: the data ask for more."""
+    for name, ends in bounds.items():
+        known = found.parameters.get(name)
+        if known is None or known.status != "estimated":
+            continue
+        width = _AT_END * (ends[1] - ends[0])
+        reached = next((end for end in ends if abs(known.number - end) <= width), None)
+        if reached is not None:
+            yield Notice(
+                "at-given-bound",
+                f"{name} ends at {reached:.6g}{after_number(known.unit)}, where its --bounds do: "
+                "the data ask for a value beyond, and the other parameters make up for it. Widen "
+                "the bounds; if they are right, look for what the model lacks.",
+            )
 
 
 def _priced(found: Solution[FamilyOptions], price: Price) -> Solution[FamilyOptions]:

@@ -288,6 +288,10 @@ _JUDGEMENT = {
         "`check` could not fit the new logs, so only the simulation was compared with them.",
         "Check with logs that determine all parameters, as those of the fit did.",
     ),
+    "at-given-bound": _warning(
+        "A parameter ends where the `--bounds` that were given do.",
+        "Widen the bounds; if they are right, look for what the model lacks.",
+    ),
     "not-converged": _warning(
         "The search stopped before it had converged.",
         "Check the given constants and units, or give better starting values with `--start`.",

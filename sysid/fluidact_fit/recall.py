@@ -8,9 +8,10 @@ from typing import Any
 
 from .errors import Notice, UsageError
 from .logs import Log, StepInput, share_columns
-from .logs.columns import matching
+from .logs.columns import matching, reference_of
 from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .parameters.document import Column, LogSource, ParameterDocument
+from .units import parse_unit_from_header
 
 _LISTED = 4  # logs whose constant a message names
 
@@ -164,8 +165,20 @@ def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
         role: entry
         for role, entry in columns.items()
         if role not in log.bindings
-        and (entry.header is None or len(matching(log, entry.header)) == 1)
+        and (entry.header is None or _header_in(log, entry.header) is not None)
     }
+
+
+def _header_in(log: Log, header: str) -> str | None:
+    """What ``--column`` takes for the column of a header; ``None`` without a single one.
+
+    ``p (bar)`` is that of ``p [bar]``, and not of ``p [kPa]``.
+    """
+    if len(matching(log, header)) == 1:
+        return header
+    name, unit = parse_unit_from_header(header)
+    alike = [c for c in matching(log, name) if unit and c.unit == unit]
+    return reference_of(log, alike[0]) if len(alike) == 1 else None
 
 
 def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
@@ -177,7 +190,7 @@ def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
         if entry.step is not None:
             steps[role] = StepInput(entry.step.start, entry.step.end, entry.step.at)
         elif entry.header is not None:
-            bindings[role] = entry.header
+            bindings[role] = _header_in(log, entry.header) or entry.header
         if not entry.assumed:
             units.setdefault(role, entry.unit)
         if entry.scale is not None:

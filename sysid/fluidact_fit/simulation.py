@@ -165,7 +165,8 @@ def simulate_steps(
             known = covered.unit if covered else role.unit
             unit = step.unit or units.get(role.name) or known
             where = f"--unit {role.name}={unit}"
-            signals[role.name] = step_signal(in_unit(role, unit), step, where, unit)
+            wanted = replace(in_unit(role, known), alternatives=())
+            signals[role.name] = step_signal(wanted, step, where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
     return simulate_runs(document, [run])
 

@@ -213,3 +213,11 @@ def test_an_output_in_another_quantity_than_the_file_is_refused(
         assert "'outlet' in V (valve.csv) is a voltage" in done.err
         assert "--unit outlet=Pa" in done.err
         assert "no longer fits" not in done.err
+
+
+def test_a_step_in_another_quantity_is_refused(here: Run, fitted: str) -> None:
+    """0 to 2 bar were taken for 0 to 2 V."""
+    time = ["--duration", "1", "--sample-time", "0.01"]
+    done = here("simulate", fitted, "--input", "command=0:2bar@100ms", *time)
+    assert done.status == 3
+    assert "'bar' is a pressure" in done.err

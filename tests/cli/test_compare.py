@@ -130,3 +130,29 @@ def test_the_help_lists_the_options_of_the_family(here: Run) -> None:
     assert "--sound-speed" in done.out
     assert "--fix" in done.out
     assert "--sound-speed" not in here("compare", "--help").out
+
+
+def test_given_numbers_that_differ_are_named(here: Run, tmp_path: Path) -> None:
+    """Gains at 35 and at 50 bar were called different machines without a word of the pressure."""
+    log = str(Path(__file__).parents[2] / "datasets" / "flow-map" / "trial1.csv")
+    columns = ["--column", "command=u", "--column", "flow=Q", "--column", "pressure_drop=dp"]
+    for name, pressure in (("a", "35 bar"), ("b", "50 bar")):
+        file = str(tmp_path / f"{name}.yaml")
+        done = here("flow-map", log, *columns, "--reference-pressure", pressure, "-o", file)
+        assert done.status == 0, done.err
+    done = here("compare", str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml"))
+    assert "--reference-pressure is 5e+06 Pa in" in done.out.replace("\n", " ")
+
+
+def test_parameters_of_another_quantity_are_not_compared(here: Run, tmp_path: Path) -> None:
+    """A gain in bar stood beside one in bar/V, 3,951 standard errors from it."""
+    rows = (Path(__file__).parents[2] / "datasets" / "valve" / "trial1.csv").read_text("utf-8")
+    (tmp_path / "volt.csv").write_text(rows, encoding="utf-8")
+    (tmp_path / "share.csv").write_text(rows.replace("[V]", "[%]"), encoding="utf-8")
+    for name in ("volt", "share"):
+        done = here("valve", str(tmp_path / f"{name}.csv"), "-o", str(tmp_path / f"{name}.yaml"),
+                    "--column", "command=Sollwert", "--column", "outlet=Druck")  # fmt: skip
+        assert done.status == 0, done.err
+    done = here("compare", str(tmp_path / "volt.yaml"), str(tmp_path / "share.yaml"))
+    assert done.status == 2
+    assert "gain is in Pa in" in done.err

@@ -487,3 +487,12 @@ def test_the_columns_of_all_logs_are_those_of_the_recorded_command(here: Run, in
     found = read_document("found.yaml")
     headers = [source.columns["outlet"].header for source in found.provenance.logs]
     assert headers == ["outlet (bar)", "outlet (bar)"]
+
+
+def test_an_estimate_at_the_end_of_its_bounds_is_named(here: Run, inside: Path) -> None:
+    _write_step_response(inside / "s.csv")
+    step = ["--step", "inlet=-1:2bar@0.1"]
+    done = here("line", "s.csv", *step, "--bounds", "time_constant=10ms:150ms")
+    assert "at-given-bound" in done.err
+    done = here("line", "s.csv", *step, "--bounds", "time_constant=10ms:1s", "-f")
+    assert "at-given-bound" not in done.err
