@@ -100,12 +100,12 @@ def test_an_output_that_cannot_stay_in_its_range_is_named(here: Run, params: Pat
     assert "--stroke LOW:HIGH" in done.err
 
 
-def test_speeds_of_a_position_are_those_given(here: Run, tmp_path: Path) -> None:
+def test_speeds_of_a_position_are_those_given(here: Run, inside: Path) -> None:
     """The range of a position says nothing of speeds, and ``--amplitude`` is one of speeds."""
     log = Path(__file__).parents[2] / "datasets" / "cylinder-friction" / "trial1.csv"
     rows = [line.rpartition(",")[0] for line in log.read_text(encoding="utf-8").splitlines()]
-    (tmp_path / "place.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    done = here("cylinder-friction", str(tmp_path / "place.csv"), "-o", "friction.yaml",
+    Path("place.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    done = here("cylinder-friction", "place.csv", "-o", "friction.yaml",
                 "--column", "force=F", "--column", "position=x")  # fmt: skip
     assert done.status == 0, done.err
     done = here("design", "cylinder-friction", "--from", "friction.yaml", "-o", "next.csv",
