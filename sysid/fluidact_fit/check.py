@@ -90,14 +90,14 @@ class Check:
 
     def log_table(self) -> Table:
         """Return how well the file describes every run, as a table that shows itself."""
-        rows = tuple(
-            (log.file, percent_text(log.fit_percent),
-             format_quantity(log.rmse, log.unit, self.recorded_units),
-             format_quantity(log.limit, log.unit, self.recorded_units),
-             "" if log.within else "TOO LARGE")
-            for log in self.logs
-        )  # fmt: skip
-        return Table(("log", "fit", "rmse", "limit", ""), rows, right=(1, 2, 3))
+        rows = []
+        for log in self.logs:
+            shown = display_unit(log.unit, max(log.rmse, log.limit), self.recorded_units)
+            rmse, limit = (f"{x * shown.factor:.4g}{after_number(shown.unit)}"
+                           for x in (log.rmse, log.limit))  # fmt: skip
+            judged = "" if log.within else "TOO LARGE"
+            rows.append((log.file, percent_text(log.fit_percent), rmse, limit, judged))
+        return Table(("log", "fit", "rmse", "limit", ""), tuple(rows), right=(1, 2, 3))
 
     def summary(self) -> str:
         """Return verdict, agreement with the logs and drift of the parameters as text."""

@@ -27,6 +27,7 @@ import numpy as np
 
 from .errors import UsageError
 from .families import get_family
+from .files import shell_command
 from .logs import Log, LogLike, Reading, describe, open_logs
 from .options import describe as describe_options
 from .parameter_table import recorded_units
@@ -204,12 +205,15 @@ def compare(
         When a file cannot be read.
     """
     kinds = {_holds_parameters(item) for item in given}
+    names = [_name(item, k) for k, item in enumerate(given, 1)]
     if len(kinds) > 1:
+        files = [name for name, item in zip(names, given) if _holds_parameters(item)]
+        logs = [name for name in names if name not in files]
+        command = shell_command(["fluidact-fit", "check", files[0], *logs])
         raise UsageError(
             "parameter files and logs cannot be compared with each other.",
-            remedy="To see whether a file describes a log: fluidact-fit check PARAMS LOG.",
+            remedy=f"To see whether a file describes logs: {command}.",
         )
-    names = [_name(item, k) for k, item in enumerate(given, 1)]
     if True not in kinds:
         return compare_recordings(list(zip(names, open_logs(list(given), **reading))))
     if unknown := next((name for name in reading if name not in Reading.__annotations__), None):

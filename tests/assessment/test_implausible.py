@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -111,3 +113,14 @@ def test_a_fit_that_goes_through_is_warned_of_them() -> None:
     (said,) = [n for n in result.notices if n.code == "implausible-number"]
     assert "--unit position=mm" in said.message
     assert result.verdict == "warn"
+
+
+def test_a_given_pressure_in_bar_that_is_read_in_pascals() -> None:
+    """A reference of 50 Pa for 50 bar changed every gain, with ``pass``."""
+    log = Path(__file__).parents[2] / "datasets" / "flow-map" / "trial1.csv"
+    columns = {"command": "u", "flow": "Q", "pressure_drop": "dp"}
+    found = ff.fit("flow-map", log, columns=columns, reference_pressure=50.0)
+    said = [n.message for n in found.notices if n.code == "implausible-number"]
+    assert any("--reference-pressure 50 is in Pa" in message for message in said)
+    right = ff.fit("flow-map", log, columns=columns, reference_pressure=50e5)
+    assert "implausible-number" not in {n.code for n in right.notices}

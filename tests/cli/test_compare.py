@@ -45,7 +45,7 @@ def test_logs_are_compared(here: Run, files: Path) -> None:
     ("words", "status", "said"),
     [
         (["v0.yaml"], 2, "nothing to compare"),
-        (["v0.yaml", "v1.csv"], 2, "check PARAMS LOG"),
+        (["v0.yaml", "v1.csv"], 2, "fluidact-fit check v0.yaml v1.csv"),
         (["v0.yaml", "absent.yaml"], 3, "absent.yaml"),
         (["v0.csv", "absent.csv"], 3, "absent.csv"),
         (["v0.yaml", "v1.yaml", "--unit", "outlet=bar"], 2, "--unit is about logs"),

@@ -39,8 +39,7 @@ _LISTED = 8  # lines that were left out, one by one
     cls=options.Command,
     params=[
         click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
-        options.Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY",
-                       group="Output",
+        options.Option(["--family"], metavar="FAMILY", group="Output",
                        help="Judge the log for this model family alone, and refuse it where it "
                        "cannot be used."),
         options.flag("--trial/--no-trial", group="Output", default=True,
@@ -70,6 +69,7 @@ def command(
     from fluidact_fit.logs.columns import find_column
 
     if family is not None:
+        options.check_names("--family", "family", [family], family_names())
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
     invocation = click.get_current_context().find_object(Invocation)

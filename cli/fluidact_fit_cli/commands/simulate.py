@@ -142,7 +142,10 @@ def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
             "lacks with --step."
         )
     if not logs and not params["input"]:
-        raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")
+        instead = "; --step is for what a LOG lacks" if params["step"] else ""
+        raise click.UsageError(
+            f"there is nothing to simulate: give a LOG, or steps, {example}{instead}."
+        )
     of_logs = [option for option in READING if option.name not in _OF_STEPS]
     needless = [option for option in of_logs if not logs and params[str(option.name)]]
     if needless:

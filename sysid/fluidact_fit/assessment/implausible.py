@@ -47,6 +47,12 @@ def implausible_notices(causes: Sequence[Cause]) -> list[Notice]:
 def _given(family: Family[FamilyOptions], options: FamilyOptions) -> Iterator[Cause]:
     for option in describe(family.options_type):
         value = getattr(options, option.name.replace("-", "_"))
+        if option.unit == "Pa" and value is not None and 0.0 < value < policy.LEAST_GIVEN:
+            yield Cause(
+                f"--{option.name} {value:g} is in Pa, which moves nothing: it seems to be in "
+                "another unit, and",
+                f"Give it in Pa: {value:g} bar are {f'{value * 1e5:g}'.replace('e+0', 'e')} Pa.",
+            )
         if option.kind != "float" or option.unit not in _GIVEN or value is None:
             continue
         most, units = _GIVEN[option.unit]

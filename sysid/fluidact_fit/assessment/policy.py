@@ -201,6 +201,8 @@ FASTEST = _declare(
 LEAST_PRESSURE = _declare(
     "least_pressure",
     3e3, "highest pressure of a chamber [Pa] below which it is in another unit", _UNITS)
+LEAST_GIVEN = _declare(
+    "least_given", 1e3, "pressure [Pa] that is given, below which it is in another unit", _UNITS)
 VACUUM = _declare(
     "vacuum", 1.2e5, "pressure below the atmosphere [Pa] that there cannot be", _UNITS)
 # verdict
