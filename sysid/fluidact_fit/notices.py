@@ -210,6 +210,10 @@ _READING = {
 }
 
 _JUDGEMENT = {
+    "at-given-bound": _warning(
+        "A parameter ends where the `--bounds` that were given do.",
+        "Widen the bounds; if they are right, look for what the model lacks.",
+    ),
     "beyond-validity": _warning(
         "An input goes beyond the range that the data of the parameter file covered.",
         "Trust the model there only if its equation is known to hold; else fit logs that go there.",
@@ -287,10 +291,6 @@ _JUDGEMENT = {
     "not-compared": _warning(
         "`check` could not fit the new logs, so only the simulation was compared with them.",
         "Check with logs that determine all parameters, as those of the fit did.",
-    ),
-    "at-given-bound": _warning(
-        "A parameter ends where the `--bounds` that were given do.",
-        "Widen the bounds; if they are right, look for what the model lacks.",
     ),
     "not-converged": _warning(
         "The search stopped before it had converged.",
