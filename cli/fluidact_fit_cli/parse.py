@@ -59,11 +59,18 @@ def parse_quantity(text: str) -> float | NumberWithUnit:
     return NumberWithUnit(parse_number(found[0]), unit)
 
 
+def _in_one_unit(
+    start: float | NumberWithUnit | None, end: float | NumberWithUnit | None
+) -> tuple[Any, Any]:
+    """A pair in which a start without a unit has that of the end."""
+    if isinstance(start, float) and isinstance(end, NumberWithUnit):
+        start = NumberWithUnit(start, end.unit)
+    return start, end
+
+
 def parse_quantities(text: str) -> tuple[float | NumberWithUnit, float | NumberWithUnit]:
     """Return ``LOW:HIGH``, numbers in SI or with a unit; one behind both is that of both."""
-    low, high = map(parse_quantity, _split(text))
-    if isinstance(low, float) and isinstance(high, NumberWithUnit):
-        low = NumberWithUnit(low, high.unit)
+    low, high = _in_one_unit(*map(parse_quantity, _split(text)))
     if isinstance(low, float) and isinstance(high, float):
         return parse_range(text)
     return low, high
@@ -161,28 +168,17 @@ def parse_window(text: str) -> tuple[float | None, float | None]:
     sides = _split(text)
     if not any(sides):
         raise ValueError("both sides are empty")
-    ends = [parse_quantity(side) if side else None for side in sides]
-    if isinstance(ends[0], float) and isinstance(ends[1], NumberWithUnit):
-        ends[0] = NumberWithUnit(ends[0], ends[1].unit)
+    ends = _in_one_unit(*(parse_quantity(side) if side else None for side in sides))
     low, high = (x.in_unit("s") if isinstance(x, NumberWithUnit) else x for x in ends)
     if low is not None and high is not None and low >= high:
         raise ValueError(f"{low:g} is not before {high:g}")
     return low, high
 
 
-class Step(NamedTuple):
-    """A step of an input that was not recorded; ``unit`` is that behind its values, if any."""
+def parse_step(text: str) -> tuple[float, float, float, str | None]:
+    """Return ``FROM:TO[@T]`` as both values, ``T`` [s] and the unit behind the values, if any.
 
-    start: float
-    end: float
-    at: float
-    unit: str | None
-
-
-def parse_step(text: str) -> Step:
-    """Return ``FROM:TO[@T]``; ``T`` [s] may have a unit, and is 0 where it is left out.
-
-    A unit behind ``TO`` is that of both values.
+    ``T`` may have a unit of its own, and is 0 where it is left out.
     """
     start, rest = _split(text)
     end, at, instant = rest.partition("@")
@@ -191,7 +187,7 @@ def parse_step(text: str) -> Step:
     if units and (isinstance(values[1], float) or len(set(units)) > 1):
         raise ValueError(f"'{start}:{end}': give one unit, behind {end or 'the second value'}")
     low, high = (v.number if isinstance(v, NumberWithUnit) else v for v in values)
-    return Step(low, high, in_si("s", instant) if at else 0.0, units[0] if units else None)
+    return low, high, in_si("s", instant) if at else 0.0, units[0] if units else None
 
 
 def parse_hold(text: str) -> str:

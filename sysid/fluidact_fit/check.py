@@ -22,7 +22,7 @@ from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, document_of, weak_file
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
-from .tables import Table, format_number, format_quantity, format_spread, percent_text
+from .tables import Table, format_number, format_spread, percent_text
 from .units import after_number, display_unit
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
@@ -90,14 +90,12 @@ class Check:
 
     def log_table(self) -> Table:
         """Return how well the file describes every run, as a table that shows itself."""
-        rows = []
-        for log in self.logs:
-            shown = display_unit(log.unit, max(log.rmse, log.limit), self.recorded_units)
-            rmse, limit = (f"{x * shown.factor:.4g}{after_number(shown.unit)}"
-                           for x in (log.rmse, log.limit))  # fmt: skip
-            judged = "" if log.within else "TOO LARGE"
-            rows.append((log.file, percent_text(log.fit_percent), rmse, limit, judged))
-        return Table(("log", "fit", "rmse", "limit", ""), tuple(rows), right=(1, 2, 3))
+        rows = tuple(
+            (log.file, percent_text(log.fit_percent), *_rmse_and_limit(log, self.recorded_units),
+             "" if log.within else "TOO LARGE")
+            for log in self.logs
+        )  # fmt: skip
+        return Table(("log", "fit", "rmse", "limit", ""), rows, right=(1, 2, 3))
 
     def summary(self) -> str:
         """Return verdict, agreement with the logs and drift of the parameters as text."""
@@ -139,6 +137,13 @@ class Check:
                 expected="\n".join(self.reasons),
                 remedy="Look at what changed in the machine, then fit again.",
             )
+
+
+def _rmse_and_limit(log: LogCheck, units: Sequence[str]) -> tuple[str, str]:
+    """Both with one unit, or they could not be compared at a glance."""
+    shown = display_unit(log.unit, max(log.rmse, log.limit), units)
+    unit = after_number(shown.unit)
+    return f"{log.rmse * shown.factor:.4g}{unit}", f"{log.limit * shown.factor:.4g}{unit}"
 
 
 def _drift_cells(d: Drift, units: Sequence[str]) -> tuple[str, ...]:
@@ -409,8 +414,7 @@ def _reasons(
     logs: Sequence[LogCheck], drifts: Sequence[Drift], units: Sequence[str]
 ) -> tuple[str, ...]:
     found = [
-        f"{log.file}: rmse {format_quantity(log.rmse, log.unit, units)} is above the limit of "
-        f"{format_quantity(log.limit, log.unit, units)}."
+        "{}: rmse {} is above the limit of {}.".format(log.file, *_rmse_and_limit(log, units))
         for log in logs
         if not log.within
     ]

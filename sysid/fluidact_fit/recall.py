@@ -170,7 +170,7 @@ def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
 
 
 def _header_in(log: Log, header: str) -> str | None:
-    """What ``--column`` takes for the column of a header; ``None`` without a single one.
+    """Return a text that ``--column`` takes for the column of a header; ``None`` without one.
 
     ``p (bar)`` is that of ``p [bar]``, and not of ``p [kPa]``.
     """

@@ -143,7 +143,7 @@ def test_noise_of_the_torque_is_in_the_intervals(monkeypatch: pytest.MonkeyPatch
     """One of few instants of break-away is wrong by the noise; residuals do not show that."""
     log = record(hold="smooth", noise=1e-5)
     found = fit(log)
-    monkeypatch.setattr(whole_fit, "with_drive_noise", lambda fitted, *given: fitted)
+    monkeypatch.setattr(whole_fit, "with_drive_errors", lambda fitted, *given: fitted)
     unaware = fit(log)
     for name in ("breakaway_positive", "breakaway_negative"):
         q = found.parameters[name]

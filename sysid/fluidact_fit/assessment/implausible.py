@@ -49,8 +49,8 @@ def _given(family: Family[FamilyOptions], options: FamilyOptions) -> Iterator[Ca
         value = getattr(options, option.name.replace("-", "_"))
         if option.unit == "Pa" and value is not None and 0.0 < value < policy.LEAST_GIVEN:
             yield Cause(
-                f"--{option.name} {value:g} is in Pa, which moves nothing: it seems to be in "
-                "another unit, and",
+                f"--{option.name} {value:g} is in Pa, too little to move anything: it seems "
+                "to be in another unit, and",
                 f"Give it in Pa: {value:g} bar are {f'{value * 1e5:g}'.replace('e+0', 'e')} Pa.",
             )
         if option.kind != "float" or option.unit not in _GIVEN or value is None:

@@ -88,7 +88,7 @@ OUTLIER_SHARE = _declare(
     "outlier_share", 0.005, "largest part of the samples that can be outliers",
     _INFLUENCE)
 OUTLIERS = _declare(
-    "outliers", 100, "samples: more are not few", _INFLUENCE)
+    "outliers", 100, "largest number of samples that can be outliers", _INFLUENCE)
 OUTLIER_LEVERAGE = _declare(
     "outlier_leverage",
     0.05, "leverage beyond which a sample holds a parameter that no other does", _INFLUENCE)

@@ -25,7 +25,7 @@ _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a s
 _HELD_NOISE = (5e-4, 0.02)
 
 
-def with_drive_noise(
+def with_drive_errors(
     fitted: Fitted, axis: Axis, experiments: Sequence[Experiment], seed: int
 ) -> Fitted:
     """Return the fit with the errors of its recorded drive in its covariance.

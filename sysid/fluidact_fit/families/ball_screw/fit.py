@@ -24,7 +24,7 @@ from ...family import (
     make_solution,
 )
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
-from .drive_record import drive_notices, with_drive_noise
+from .drive_record import drive_notices, with_drive_errors
 from .levels import Bracket, find_levels, hold_levels, refine_levels
 from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
 from .start import Stage, first_stage, without_idle_levels
@@ -123,12 +123,12 @@ def _fit_position(
 def _finish(
     found: _Found, variant: Variant, request: Request[BallScrewOptions], simulate: Simulate
 ) -> Solution[BallScrewOptions]:
-    """Entries of the file, with the noise of the drive in their intervals, and notices."""
+    """Entries of the file, with the errors of the drive in their intervals, and notices."""
     stage, beyond = found.stage, found.beyond
     experiments = stage.experiments
     fitted = found.fitted
     if not beyond:  # otherwise residuals come from forces that the model lacks, and it is warned
-        fitted = with_drive_noise(fitted, stage.axis, experiments, request.seed)
+        fitted = with_drive_errors(fitted, stage.axis, experiments, request.seed)
     fitted = as_written(fitted)
     solved = with_brackets(fitted, found.brackets)
     parameters, order, covariance = solved.quantities(
