@@ -30,7 +30,7 @@ from .families import get_family
 from .files import shell_command
 from .logs import Log, LogLike, Reading, describe, open_logs
 from .options import describe as describe_options
-from .parameter_table import recorded_units
+from .parameter_table import Entry, entries, recorded_units
 from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, Presented, document_of
 from .tables import Table, format_estimate, format_number, probability_text
@@ -274,7 +274,7 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
     return Comparison(first.family, names, parameters, together, recorded_units(first), options)
 
 
-def _require_one_unit(names: Sequence[str], tables: Sequence[Mapping[str, _Entry]]) -> None:
+def _require_one_unit(names: Sequence[str], tables: Sequence[Mapping[str, Entry]]) -> None:
     """Refuse files in which a parameter is another quantity: their machines were read otherwise."""
     for parameter, known in tables[0].items():
         for name, table in zip(names[1:], tables[1:]):
@@ -318,47 +318,30 @@ def _kind(document: ParameterDocument) -> str:
     return document.family if same else f"{document.family} ({document.variant})"
 
 
-@dataclass(frozen=True)
-class _Entry:
-    value: float
-    std_error: float | None
-    unit: str
-    status: str
-
-
-def _entries(document: ParameterDocument) -> dict[str, _Entry]:
+def _entries(document: ParameterDocument) -> dict[str, Entry]:
     """Every number of a file by its name, entries of lists as ``levels[2]``."""
-    out = {}
-    for name, q in document.parameters.items():
-        values = np.asarray(q.value, dtype=float)
-        errors = np.full(values.shape, np.nan)
-        if q.std_error is not None and np.size(q.std_error) == values.size:
-            errors = np.asarray(q.std_error, dtype=float).reshape(values.shape)
-        for at in np.ndindex(values.shape):
-            error = float(errors[at])
-            out[name + "".join(f"[{k}]" for k in at)] = _Entry(
-                float(values[at]), None if np.isnan(error) else error, q.unit, q.status
-            )
-    return out
+    return {entry.name: entry for entry in entries(document)}
 
 
-def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> ParameterComparison:
-    entries = [table.get(name) for table in tables]
-    first = entries[0]
-    deviations = [None if k == 0 else _deviation(first, e) for k, e in enumerate(entries)]
+def _beside(name: str, tables: Sequence[Mapping[str, Entry]]) -> ParameterComparison:
+    found = [table.get(name) for table in tables]
+    first = found[0]
+    deviations = [None if k == 0 else _deviation(first, e) for k, e in enumerate(found)]
     return ParameterComparison(
         name,
-        next(e.unit for e in entries if e is not None),
-        tuple(None if e is None else e.value for e in entries),
-        tuple(None if e is None else e.std_error for e in entries),
-        tuple(None if e is None else e.status for e in entries),
+        next(e.unit for e in found if e is not None),
+        tuple(None if e is None else e.value for e in found),
+        tuple(None if e is None else e.std_error for e in found),
+        tuple(None if e is None else e.status for e in found),
         tuple(deviations),
     )
 
 
-def _deviation(first: _Entry | None, other: _Entry | None) -> float | None:
+def _deviation(first: Entry | None, other: Entry | None) -> float | None:
     """Difference in standard errors, where both were estimated or one of them was given."""
     if first is None or other is None or "not_identified" in (first.status, other.status):
+        return None
+    if first.value is None or other.value is None:
         return None
     error = hypot(first.std_error or 0.0, other.std_error or 0.0)
     return (other.value - first.value) / error if error > 0.0 else None
@@ -391,9 +374,8 @@ def _estimates(document: ParameterDocument) -> tuple[list[str], Any, Any]:
     """Names of what has a covariance, their values and it."""
     if document.covariance is None:
         return [], np.zeros(0), np.zeros((0, 0))
-    entries = _entries(document)
-    order = list(document.covariance.order)
-    values = np.array([entries[n].value for n in order])
+    table, order = _entries(document), list(document.covariance.order)
+    values = np.array([table[n].value for n in order])
     return order, values, np.array(document.covariance.matrix, dtype=float)
 
 

@@ -81,7 +81,7 @@ def entries(
             yield Entry(
                 name + "".join(f"[{k}]" for k in at),
                 float(value[at]),
-                None if error is None else float(error[at]),
+                None if error is None or np.isnan(error[at]) else float(error[at]),
                 None if ends is None else (float(ends[at][0]), float(ends[at][1])),
                 q.unit,
                 status,
