@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from fluidact_fit.errors import UnitError, UsageError
+from fluidact_fit.errors import UnitError, UsageError, closest
+from fluidact_fit.families import family_names
 from fluidact_fit.options import plausible
 
 if TYPE_CHECKING:
@@ -188,6 +189,15 @@ def parse_step(text: str) -> tuple[float, float, float, str | None]:
         raise ValueError(f"'{start}:{end}': give one unit, behind {end or 'the second value'}")
     low, high = (v.number if isinstance(v, NumberWithUnit) else v for v in values)
     return low, high, in_si("s", instant) if at else 0.0, units[0] if units else None
+
+
+def parse_family(text: str) -> str:
+    """Return the name of a model family."""
+    if text not in family_names():
+        close = closest(text, family_names())
+        hint = f", and '{close}' is the nearest name" if close else ""
+        raise ValueError(f"'{text}' is no model family{hint}")
+    return text
 
 
 def parse_hold(text: str) -> str:

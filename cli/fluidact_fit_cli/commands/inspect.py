@@ -18,6 +18,7 @@ from ..channel_lines import echo_channels, echo_relations, troubles
 from ..errors import Invocation
 from ..messages import echo_notices
 from ..outputs import check_targets, write_all
+from ..parse import Parsed, parse_family
 from ..progress import Progress
 from ..show import echo, echo_json, echo_text
 
@@ -39,7 +40,9 @@ _LISTED = 8  # lines that were left out, one by one
     cls=options.Command,
     params=[
         click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
-        options.Option(["--family"], metavar="FAMILY", group="Output",
+        options.Option(["--family"], group="Output",
+                       type=Parsed("FAMILY", "--family valve", parse_family,
+                                   f"one of {', '.join(family_names())}"),
                        help="Judge the log for this model family alone, and refuse it where it "
                        "cannot be used."),
         options.flag("--trial/--no-trial", group="Output", default=True,
@@ -69,7 +72,6 @@ def command(
     from fluidact_fit.logs.columns import find_column
 
     if family is not None:
-        options.check_names("--family", "family", [family], family_names())
         variants = get_family(family).variants
         options.check_role_names(params, [r.name for v in variants for r in v.roles])
     invocation = click.get_current_context().find_object(Invocation)
