@@ -40,7 +40,8 @@ than the committed value by more than its noise.
   fail the run; mending it is reported as `better`.
 - `moved`: changed by more than the noise, no farther from the reference.
 - `did not end in 120 s`: of processor time.
-- Times are ratios to `python -c "import numpy, scipy.signal, pandas"` in the same run.
+- Times are ratios to those of a process that imports numpy and scipy and computes for
+  as long again, in the same run (`studies/acceptance/timing.py`).
 """
 
 
