@@ -94,3 +94,29 @@ def test_columns_are_found_where_only_the_brackets_of_a_unit_differ(
     assert ff.check(tmp_path / "valve.yaml", tmp_path / "bar.csv").fits
     with pytest.raises(ff.LogError, match="outlet"):  # numbers in another unit are not these
         ff.check(tmp_path / "valve.yaml", tmp_path / "kPa.csv")
+
+
+def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
+    plain = fit(LOGS[0], fixed={"gain": 9e4}, bounds={"natural_frequency": (5.0, 60.0)})
+    same = fit(
+        LOGS[0], fixed={"gain": "0.9 bar/V"}, bounds={"natural_frequency": ("5 rad/s", "60 rad/s")}
+    )
+    for name, quantity in plain.parameters.items():
+        assert same.parameters[name].value == pytest.approx(quantity.value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"fixed": {"gain": "1 bar"}}, "unit 'bar' is a pressure"),
+        ({"fixed": {"gain": "much"}}, "'much' is not a number"),
+        ({"fixed": {"gain": None}}, "is not a number"),
+        ({"start": {"gian": "1 bar"}}, "there is no such single-valued parameter"),
+        ({"bounds": {"gain": (3.0, 2.0)}}, "3 is not below 2"),
+        ({"seed": -1}, "seed=-1 is not a whole number from 0"),
+        ({"seed": "one"}, "seed='one' is not a whole number from 0"),
+    ],
+)
+def test_numbers_that_are_none_are_named(fit: Fit, given: dict[str, object], words: str) -> None:
+    with pytest.raises(ff.UsageError, match=words):
+        fit(LOGS[0], **given)

@@ -62,12 +62,21 @@ def test_what_a_file_holds_reads_back() -> None:
     assert Example.read(settled_values.given(), from_file=True) == settled_values
 
 
+def test_a_number_is_taken_with_its_unit_from_people_and_not_from_files() -> None:
+    assert Example.read({"length": "250 cm"}).length == pytest.approx(2.5)
+    assert Example.read({"length": "2.5"}).length == 2.5
+    with pytest.raises(UsageError, match="unit 'V' is a voltage"):
+        Example.read({"length": "2.5 V"})
+    with pytest.raises(UsageError, match="not a number"):
+        Example.read({"length": "2.5 m"}, from_file=True)
+
+
 @pytest.mark.parametrize(
     ("given_values", "said"),
     [
         ({"length": -5}, "length=-5: out of range"),
         ({"length": 0}, "length=0: out of range"),
-        ({"length": "five"}, "length='five': not a number"),
+        ({"length": "five"}, "length='five': 'five' is not a number"),
         ({"length": True}, "length=True: not a number"),
         ({"length": float("nan")}, "length=nan: not finite"),
         ({"length": [1.0, 2.0]}, "not a number"),

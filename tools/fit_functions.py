@@ -83,6 +83,8 @@ def _roles(variant: Variant) -> str:
 def _keyword(option: Option) -> str:
     choices = ", ".join(f'"{choice}"' for choice in option.choices)
     kind = f"Literal[{choices}]" if choices else _KINDS[option.kind]
+    if option.kind == "float" and option.unit:
+        kind += " | str"  # with its unit
     default = f'"{option.default}"' if isinstance(option.default, str) else repr(option.default)
     optional = " | None" if option.default is None else ""
     return f"{option.name.replace('-', '_')}: {kind}{optional} = {default}"

@@ -39,8 +39,8 @@ def _echo_assigned(advice: Sequence[Suggestion]) -> None:
     best = advice[0]
     for name, message in best.not_identified.items():
         echo_text(f"not determined: {message or name}")
-    if best.reason:
-        echo_text(f"{best.family}: {best.reason}")
+    for reason, families in _reasons(advice).items():
+        echo_text(f"{families}: {reason}")
     if best.basis:
         echo_text(best.basis, "")
     for one, other in best.unsure:
@@ -54,6 +54,16 @@ def _echo_assigned(advice: Sequence[Suggestion]) -> None:
     echo("next:" if len(shown) == 1 else "next, one of:")
     for s in shown:
         echo(f"  {_command(s)}")
+
+
+def _reasons(advice: Sequence[Suggestion]) -> dict[str, str]:
+    """Return why families were refused or not tried, with their names; the best one's in full."""
+    out: dict[str, list[str]] = {}
+    for s in advice:
+        if s.reason:
+            short = s.reason if s is advice[0] else s.reason.split(". ")[0].rstrip(".") + "."
+            out.setdefault(short, []).append(s.family)
+    return {reason: ", ".join(families) for reason, families in out.items()}
 
 
 def _echo_families(advice: Sequence[Suggestion]) -> None:

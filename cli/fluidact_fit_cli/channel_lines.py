@@ -106,6 +106,8 @@ def troubles(column: Mapping[str, Any]) -> list[str]:
     found, unit = column["channel"], column["unit"] or ""
     invalid = column["invalid_cells"]
     out = [f"{invalid} invalid cell{'s' * (invalid > 1)}"] if invalid else []
+    if column["unit_doubt"]:
+        out.append(column["unit_doubt"])
     if found is None:
         return out
     for end in ("low", "high"):

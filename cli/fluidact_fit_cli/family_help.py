@@ -6,7 +6,6 @@ import math
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from typing import Any
 
 import click
@@ -14,9 +13,10 @@ import click
 from fluidact_fit.options import Option as FamilyOption
 from fluidact_fit.options import describe
 from fluidact_fit.specification import Described, ParameterSpec, Role
+from fluidact_fit.units.quantities import in_si, parse_number
 
 from .options import Option, flag
-from .parse import Parsed, in_si, parse_number, parse_range, parse_text
+from .parse import Parsed, parse_range, parse_text
 
 _PREFIX = "family_option_"
 _WIDEST = 80  # columns of a help text, as click has them
@@ -116,7 +116,7 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         "float": (
             "NUMBER",
             f"1.5{option.unit.replace(' ', '')}" if option.unit else "1.5",
-            partial(in_si, option.unit) if option.unit else parse_number,
+            lambda text: in_si(text, option.unit or "1"),
         ),
         "range": ("LOW:HIGH", "0:10", parse_range),
         "text": ("TEXT", str(option.default or "auto"), parse_text),

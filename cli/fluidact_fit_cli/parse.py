@@ -4,60 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UnitError, UsageError, closest
+from fluidact_fit.errors import UsageError, closest
 from fluidact_fit.families import family_names
-from fluidact_fit.options import plausible
+from fluidact_fit.units.quantities import (
+    NumberWithUnit,
+    in_si,
+    parse_number,
+    parse_quantity,
+)
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
 else:
     ParamType = click.ParamType  # not generic before click 8.4
-
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
-
-
-def parse_number(text: str) -> float:
-    """Return a finite number; scientific notation, never a decimal comma. Else ``ValueError``."""
-    text = text.strip()
-    if _DECIMAL_COMMA.fullmatch(text):
-        raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
-    if not _NUMBER.fullmatch(text):
-        raise ValueError(f"'{text}' is not a number" if text else "a number is missing")
-    try:
-        return plausible(float(text))
-    except ValueError as error:
-        raise ValueError(f"'{text}' is {error}") from None
-
-
-class NumberWithUnit(NamedTuple):
-    """A number with a unit, of which it is not known yet what SI unit is wanted."""
-
-    number: float
-    unit: str
-
-    def in_unit(self, si_unit: str) -> float:
-        """The number in an SI unit; ``ValueError`` where the unit measures something else."""
-        from fluidact_fit.units import conversion_factor
-
-        try:
-            factor = conversion_factor(self.unit, si_unit)
-        except UnitError as error:
-            raise ValueError(error.what.rstrip(".")) from None
-        return plausible(self.number * factor)
-
-
-def parse_quantity(text: str) -> float | NumberWithUnit:
-    """Return a number, or a number and the unit that stands behind it."""
-    found = _NUMBER.match(text.strip())
-    unit = text.strip()[found.end() :].strip() if found else ""
-    if found is None or not unit or not (unit[0].isalpha() or unit[0] in "°%µ"):
-        return parse_number(text)
-    return NumberWithUnit(parse_number(found[0]), unit)
 
 
 def _in_one_unit(
@@ -82,32 +45,21 @@ def converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
 
     ``value`` may be a pair of such numbers; ``name`` is empty where the option takes one value.
     """
-    if isinstance(value, NumberWithUnit):
-        wrong = ""
-        for unit in units:
-            try:
-                return value.in_unit(unit)
-            except ValueError as error:
-                wrong = str(error)
-        raise UsageError(
-            f"{option} {name}".rstrip() + f": {wrong}.",
-            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
-            "of the same quantity.",
-        )
     if isinstance(value, tuple):
         return tuple(converted(option, name, end, units) for end in value)
-    return value
-
-
-def in_si(si_unit: str, text: str) -> float:
-    """Return a number in SI; one with a unit is converted."""
-    value = parse_quantity(text)
-    return value.in_unit(si_unit) if isinstance(value, NumberWithUnit) else value
+    try:
+        return in_si(value, *units)
+    except ValueError as error:
+        raise UsageError(
+            f"{option} {name}".rstrip() + f": {error}.",
+            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
+            "of the same quantity.",
+        ) from None
 
 
 def parse_seconds(text: str) -> float:
     """Return a time above zero [s]."""
-    if (value := in_si("s", text)) <= 0.0:
+    if (value := in_si(text, "s")) <= 0.0:
         raise ValueError(f"'{text}' is not above zero")
     return value
 
@@ -188,7 +140,7 @@ def parse_step(text: str) -> tuple[float, float, float, str | None]:
     if units and (isinstance(values[1], float) or len(set(units)) > 1):
         raise ValueError(f"'{start}:{end}': give one unit, behind {end or 'the second value'}")
     low, high = (v.number if isinstance(v, NumberWithUnit) else v for v in values)
-    return low, high, in_si("s", instant) if at else 0.0, units[0] if units else None
+    return low, high, in_si(instant, "s") if at else 0.0, units[0] if units else None
 
 
 def parse_family(text: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import OutputError
+from .errors import ExistingFileError, OutputError
 from .experiment import Experiment, Signal
 from .families import family_names, get_family
 from .family import Plant
@@ -188,7 +188,7 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
     names = (f"{family}{end}" for family in family_names() for end in (".yaml", ".png"))
     present = [name for name in names if (directory / name).exists()]
     if present:
-        raise OutputError(
+        raise ExistingFileError(
             f"{present[0]} already exists",
             where=str(directory),
             remedy="Give another directory, or remove the files of the earlier run.",

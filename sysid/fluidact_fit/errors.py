@@ -302,6 +302,12 @@ class OutputError(FluidactError):
     exit_status = 3
 
 
+class ExistingFileError(OutputError):
+    """A result would replace a file, and ``--force`` was not given (exit status 2)."""
+
+    exit_status = 2
+
+
 class NotIdentifiedError(FluidactError):
     """The data cannot determine what was asked (exit status 4)."""
 

@@ -30,9 +30,9 @@ def fit_potentiometer(
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     scales: Mapping[str, float] | None = None, sample_time: float | None = None,
     window: tuple[float | None, float | None] | None = None, hold: Mapping[str, str] | None = None,
-    fixed: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    fixed: Mapping[str, float | str] | None = None, start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -85,10 +85,10 @@ def fit_potentiometer(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -148,10 +148,10 @@ def fit_ball_screw(
     stribeck: Literal["none", "estimate"] = "none", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -205,10 +205,10 @@ def fit_ball_screw(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -269,10 +269,10 @@ def fit_hydrostatic(
     dead_time: Literal["none", "estimate"] = "none", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -321,10 +321,10 @@ def fit_hydrostatic(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -385,10 +385,10 @@ def fit_valve(
     zero: Literal["none", "estimate"] = "none", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -438,10 +438,10 @@ def fit_valve(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -498,14 +498,14 @@ def fit_valve(
 def fit_line(
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *,
     start_state: Literal["rest", "free"] | None = None,
-    offset: Literal["none", "free"] | None = None, length: float | None = None,
-    sound_speed: float | None = None, order: Literal["first", "second"] = "first",
+    offset: Literal["none", "free"] | None = None, length: float | str | None = None,
+    sound_speed: float | str | None = None, order: Literal["first", "second"] = "first",
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     scales: Mapping[str, float] | None = None, sample_time: float | None = None,
     window: tuple[float | None, float | None] | None = None, hold: Mapping[str, str] | None = None,
-    fixed: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    fixed: Mapping[str, float | str] | None = None, start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -562,10 +562,10 @@ def fit_line(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -620,18 +620,18 @@ def fit_line(
 
 
 def fit_cylinder_friction(
-    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, area: float | None = None,
-    area_2: float | None = None, mass: float | None = None, inertia: float | None = None,
-    filter: float | None = None, deadband: float | None = None,
-    offset: Literal["auto", "estimate", "none"] = "auto",
+    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, area: float | str | None = None,
+    area_2: float | str | None = None, mass: float | str | None = None,
+    inertia: float | str | None = None, filter: float | str | None = None,
+    deadband: float | str | None = None, offset: Literal["auto", "estimate", "none"] = "auto",
     stribeck: Literal["none", "estimate"] = "none",
     viscous: Literal["symmetric", "asymmetric"] = "symmetric",
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     scales: Mapping[str, float] | None = None, sample_time: float | None = None,
     window: tuple[float | None, float | None] | None = None, hold: Mapping[str, str] | None = None,
-    fixed: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    fixed: Mapping[str, float | str] | None = None, start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -731,10 +731,10 @@ def fit_cylinder_friction(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -795,10 +795,10 @@ def fit_force_map(
     dead_band: float | None = None, starts: int = 16, columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -866,10 +866,10 @@ def fit_force_map(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -931,10 +931,10 @@ def fit_spring_cylinder(
     dead_band: float | None = None, settle: float = 0.05, columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -1000,10 +1000,10 @@ def fit_spring_cylinder(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -1058,18 +1058,18 @@ def fit_spring_cylinder(
 
 
 def fit_hydraulic_cylinder(
-    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, area_1: float | None = None,
-    area_2: float | None = None, dead_volume_1: float | None = None,
-    dead_volume_2: float | None = None, mass: float | None = None,
-    supply_pressure: float | None = None, tank_pressure: float = 0.0,
+    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, area_1: float | str | None = None,
+    area_2: float | str | None = None, dead_volume_1: float | str | None = None,
+    dead_volume_2: float | str | None = None, mass: float | str | None = None,
+    supply_pressure: float | str | None = None, tank_pressure: float | str = 0.0,
     flow: Literal["orifice", "mlp"] = "orifice", friction: Literal["coulomb", "mlp"] = "coulomb",
     stribeck: Literal["none", "estimate"] = "none", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -1143,10 +1143,10 @@ def fit_hydraulic_cylinder(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -1209,10 +1209,10 @@ def fit_hydraulic_motor(
     dead_time: Literal["none", "estimate"] = "estimate", columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -1287,10 +1287,10 @@ def fit_hydraulic_motor(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -1346,13 +1346,13 @@ def fit_hydraulic_motor(
 
 def fit_flow_map(
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *,
-    reference_pressure: float | None = None, columns: Mapping[str, str] | None = None,
+    reference_pressure: float | str | None = None, columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, scales: Mapping[str, float] | None = None,
     sample_time: float | None = None, window: tuple[float | None, float | None] | None = None,
-    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    hold: Mapping[str, str] | None = None, fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -1399,10 +1399,10 @@ def fit_flow_map(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -1461,9 +1461,9 @@ def fit_backlash(
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     scales: Mapping[str, float] | None = None, sample_time: float | None = None,
     window: tuple[float | None, float | None] | None = None, hold: Mapping[str, str] | None = None,
-    fixed: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None, validate: Sequence[LogLike] | LogLike = (),
+    fixed: Mapping[str, float | str] | None = None, start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None, validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None, strict: bool = False, seed: int = 0,
     progress: Callable[[str], None] | None = None, exclude: Sequence[str] | str | None = None,
@@ -1505,10 +1505,10 @@ def fit_backlash(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact. What
-        is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil, inf
+from numbers import Integral
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -36,10 +37,11 @@ from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
 from .logs.opening import listed_logs
 from .logs.source import files_of
-from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
+from .specification import ParameterSpec, Role
 from .units import after_number
+from .units.quantities import in_si, plausible
 
 _MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 200 bytes of each
 _AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
@@ -70,10 +72,10 @@ def fit(
     sample_time: float | None = None,
     window: tuple[float | None, float | None] | None = None,
     hold: Mapping[str, str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    noise: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
+    start: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float | str, float | str]] | None = None,
+    noise: Mapping[str, float | str] | None = None,
     validate: Sequence[LogLike] | LogLike = (),
     validate_window: tuple[float | None, float | None] | None = None,
     controller_sample_time: float | None = None,
@@ -104,10 +106,10 @@ def fit(
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
-        By parameter name, SI.
+        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
     noise
-        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact.
-        What is not given is judged from the logs.
+        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
+        exact. What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     validate_window
@@ -140,12 +142,16 @@ def fit(
     """
     chosen = get_family(family)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
+    units_of = _units_by_name(p for v in chosen.variants for p in v.parameters)
+    units_of_roles = _units_by_name(r for v in chosen.variants for r in v.roles)
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise UsageError(f"seed={seed!r} is not a whole number from 0.")
     request = Request(
         options=chosen.options_type.read(options),
-        fixed=_numbers("--fix", fixed),
-        start=_numbers("--start", start),
-        bounds=_pairs(bounds),
-        noise=_numbers("--noise", noise),
+        fixed=_numbers("--fix", fixed, units_of),
+        start=_numbers("--start", start, units_of),
+        bounds=_pairs(bounds, units_of),
+        noise=_numbers("--noise", noise, units_of_roles),
         seed=seed,
         progress=progress or (lambda message: None),
     )
@@ -251,28 +257,42 @@ def _open(
     return _Opened(variant, experiments, notices, sources, declared, judged, inputs)
 
 
-def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
-    """Values by name as finite numbers; ``UsageError`` for anything else."""
-    out = {}
+def _units_by_name(declared: Iterable[ParameterSpec | Role]) -> dict[str, list[str]]:
+    """Name of a parameter or role to the SI units that it has in the variants of a family."""
+    out: dict[str, list[str]] = {}
+    for one in declared:
+        out.setdefault(one.name, []).append(one.unit)
+    return out
+
+
+def _numbers(
+    option: str, given: Mapping[str, float | str] | None, units_of: Mapping[str, Sequence[str]]
+) -> dict[str, float]:
+    """Values by name as finite numbers in SI; ``UsageError`` for anything else."""
     if given is not None and not isinstance(given, Mapping):
         raise UsageError(
             f"{option}={given!r} is no mapping of name to number.",
             remedy="Give one, as {'dead_time': 0.012}.",
         )
-    for name, value in (given or {}).items():
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise UsageError(
-                f"{option} {name}={value!r} is not a number", remedy="Give a number, in SI."
-            ) from None
-        try:
-            out[name] = plausible(number)
-        except ValueError as error:
-            raise UsageError(
-                f"{option} {name}={value!r} is {error}", remedy="Give a number, in SI."
-            ) from None
-    return out
+    return {
+        name: _number(f"{option} {name}={value!r}", value, units_of.get(name, ()))
+        for name, value in (given or {}).items()
+    }
+
+
+def _number(what: str, value: float | str, units: Sequence[str]) -> float:
+    """A finite number in SI; ``UsageError`` for anything else."""
+    if isinstance(value, str) and not units:
+        return 0.0  # there is no such name, which is refused with those that there are
+    try:
+        return plausible(float(in_si(value, *units)))
+    except (TypeError, ValueError) as error:
+        why = f": {error}" if isinstance(value, str) else " is not a number"
+        if isinstance(value, float | int):
+            why = f" is {error}"
+        raise UsageError(
+            f"{what}{why}.", remedy="Give a number, in SI or as text with its unit."
+        ) from None
 
 
 def _check_period(sample_time: float) -> None:
@@ -310,16 +330,22 @@ def _check_noise(
             )
 
 
-def _pairs(given: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[float, float]]:
-    """Bounds by name as pairs of numbers; ``UsageError`` for anything else."""
+def _pairs(
+    given: Mapping[str, tuple[float | str, float | str]] | None,
+    units_of: Mapping[str, Sequence[str]],
+) -> dict[str, tuple[float, float]]:
+    """Bounds by name as pairs of numbers in SI; ``UsageError`` for anything else."""
     out = {}
     for name, value in (given or {}).items():
+        what = f"--bounds {name}={value!r}"
         if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
             raise UsageError(
-                f"--bounds {name}={value!r} is not a pair of numbers",
-                remedy="Give the lower and the upper end, in SI.",
+                f"{what} is not a pair of numbers",
+                remedy="Give the lower and the upper end, in SI or as text with its unit.",
             )
-        low, high = (_numbers("--bounds", {name: v})[name] for v in value)
+        low, high = (_number(what, end, units_of.get(name, ())) for end in value)
+        if not low < high:
+            raise UsageError(f"{what}: {low:g} is not below {high:g}.")
         out[name] = (low, high)
     return out
 

@@ -15,12 +15,12 @@ the file holds the settled ones: everything later reads them there.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, Self
 
 from .errors import UsageError, closest
+from .units.quantities import in_si, plausible
 
 Kind = Literal["choice", "float", "int", "flag", "text", "range"]
 _FORMS = {
@@ -30,21 +30,6 @@ _FORMS = {
     "text": "text",
     "range": "two numbers, the lower one first",
 }
-
-
-# Beyond these, squares and quotients of a quantity in SI leave the range of floating point.
-_SMALLEST, _LARGEST = 1e-30, 1e30
-
-
-def plausible(value: float) -> float:
-    """Return a number of a size that a quantity can have in SI; ``ValueError`` for another."""
-    if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
-        raise ValueError("not finite")
-    if abs(value) > _LARGEST:
-        raise ValueError(f"too large: nothing in SI is above {_LARGEST:.0e}")
-    if 0.0 < abs(value) < _SMALLEST:
-        raise ValueError(f"too small: nothing in SI but zero is below {_SMALLEST:.0e}")
-    return value
 
 
 @dataclass(frozen=True)
@@ -220,9 +205,10 @@ class FamilyOptions:
         Parameters
         ----------
         given
-            Name, with hyphens or underscores, to value; ``None`` means: not given.
+            Name, with hyphens or underscores, to value; ``None`` means: not given. A number may be
+            text with a unit, ``"4.91 cm2"``, but not in a file.
         from_file
-            Whether settled values are among them, as in a parameter file.
+            Whether they are those of a parameter file: settled values are among them.
 
         Raises
         ------
@@ -244,6 +230,8 @@ class FamilyOptions:
                     remedy=f"Did you mean --{close}?" if close else "",
                 )
             try:
+                if known[key].kind == "float" and not from_file:
+                    value = in_si(value, known[key].unit or "1")
                 read = known[key].read(value)
             except ValueError as error:
                 raise UsageError(

@@ -35,7 +35,7 @@ class Presented:
     document: ParameterDocument
     variant: Variant
 
-    def table(self, *, derived: bool = False) -> Table:
+    def table(self, *, derived: bool = True) -> Table:
         """Return the parameters as a table that prints itself and shows itself in a notebook.
 
         Values stand in the units of the log, or in those that engineers use, with SI beside them.

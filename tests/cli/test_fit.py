@@ -496,3 +496,53 @@ def test_an_estimate_at_the_end_of_its_bounds_is_named(here: Run, inside: Path) 
     assert "at-given-bound" in done.err
     done = here("line", "s.csv", *step, "--bounds", "time_constant=10ms:1s", "-f")
     assert "at-given-bound" not in done.err
+
+
+def test_rows_that_only_a_person_may_leave_out_are_not_left_out_unasked(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    lines = Path(valve()).read_text().splitlines()
+    time, _, outlet = lines[40].split(",")
+    lines[40] = f"{time},,{outlet}"
+    (inside / "gap.csv").write_text("\n".join(lines))
+    done = here("fit", "gap.csv", "-o", "gap.yaml")
+    assert done.status == 2
+    assert "line 41: column 'command [V]' is empty" in done.err
+    assert "--invalid=drop" in done.err
+    assert not (inside / "gap.yaml").exists()
+    suggested = here("inspect", "gap.csv").out.splitlines()[-1].split()
+    assert here(*suggested[1:]).status == 0
+
+
+def test_a_unit_that_is_not_known_is_named_with_the_nearest(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    text = Path(valve()).read_text()
+    (inside / "typo.csv").write_text(text.replace("outlet [Pa]", "p [brr]").replace("command", "u"))
+    for command in ("inspect", "fit"):
+        done = here(command, "typo.csv")
+        assert "unit 'brr' is not known: did you mean 'bar'?" in done.out + done.err
+
+
+def test_logs_whose_units_differ_are_named_by_what_both_have(here: Run, inside: Path) -> None:
+    """The second log has its pressure in kPa, and the header of the first is not in it."""
+    import pandas as pd
+
+    folder = Path(__file__).parents[2] / "datasets" / "line"
+    for name, trial, factor, unit in (("a", 1, 1.0, "bar"), ("b", 2, 100.0, "kPa")):
+        table = pd.read_csv(folder / f"trial{trial}.csv")
+        table.columns = ["t [ms]", f"p1 inlet [{unit}]", f"p2 outlet [{unit}]"]
+        table.iloc[:, 1:] *= factor
+        table.to_csv(f"{name}.csv", index=False)
+    done = here("fit", "a.csv", "b.csv", "-o", "found.yaml")
+    assert done.status == 0, done.err
+    assert "outlet=p2 outlet'" in done.err
+    together = read_document("found.yaml").parameters["time_constant"].value
+    assert here("fit", "a.csv", "-o", "alone.yaml").status == 0
+    assert together == pytest.approx(
+        read_document("alone.yaml").parameters["time_constant"].value, rel=0.05
+    )
+    named = ["--column", "inlet=p1 inlet [bar]", "--column", "outlet=p2 outlet [bar]"]
+    done = here("line", "a.csv", "b.csv", *named)
+    assert done.status == 3
+    assert "--column 'inlet=p1 inlet' takes both, each in its own unit" in done.err

@@ -11,7 +11,7 @@ import yaml
 
 from fluidact_fit.errors import UsageError
 from fluidact_fit.families import family_names
-from fluidact_fit.options import plausible
+from fluidact_fit.units.quantities import plausible
 
 Run = Callable[..., Any]
 DATASETS = Path(__file__).parents[2] / "datasets"

@@ -10,10 +10,11 @@ import click
 
 from fluidact_fit.errors import UsageError
 from fluidact_fit.families import family_names
+from fluidact_fit.units.quantities import parse_quantity
 
 from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_option, parsed
 from ..outputs import check_targets, write_all
-from ..parse import converted, parse_quantities, parse_quantity, parse_seconds
+from ..parse import converted, parse_quantities, parse_seconds
 from ..progress import Progress
 from ..show import (
     echo,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 
 from .. import options
 from ..advice_lines import echo_advice
@@ -23,6 +23,7 @@ from .fit_family import make_command, output_options, targets_of, write_result
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
+    from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
 
 _OUTPUT = {"--output": True, "-o": True, "--debug": False}
@@ -59,9 +60,10 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
         check_targets(targets, logs, params["force"])
         typed = options.typed_words(invocation, "fit", _OUTPUT)
         found = suggest(read, logs, words=typed, progress=progress)
-    chosen = found[0] if is_clear(found) else _ask(found)
+    chosen = found[0] if is_clear(found) else _ask(found, read[0])
     words = [w for w in invocation.args if w != "--debug"]
-    words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read[0])]
+    words = [chosen.family, *words[words.index("fit") + 1 :], *column_options(chosen, read),
+             *chosen.options]  # fmt: skip
     if not params["quiet"]:
         tell_message("note", shell_command(["fluidact-fit", *words]), "family-found")
     if chosen.result is not None and params["controller_sample_time"] is None:
@@ -88,8 +90,16 @@ def _finish(
     write_result(replace(result, document=document), targets, params)
 
 
-def _ask(found: Sequence[Suggestion]) -> Suggestion:
-    """The choice of a person; ``UsageError`` where nobody can be asked, or nothing is possible."""
+def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
+    """The choice of a person.
+
+    Raises
+    ------
+    UsageError
+        Where nobody can be asked, or an option is missing.
+    NotIdentifiedError, LogError
+        Where nothing is possible: because no family can be determined, or for another reason.
+    """
     able = [s for s in found if s.verdict in ("pass", "warn", "fail")]
     if not able:
         reasons = "\n".join(
@@ -97,23 +107,43 @@ def _ask(found: Sequence[Suggestion]) -> Suggestion:
                 f"  {s.family}: {s.reason}" if s.reason else f"  {s.basis}" for s in found
             )
         )
-        raise UsageError(
+        refused = bool(found) and all(s.verdict == "refused" for s in found)
+        lacking = any(s.asked for s in found)
+        kind = UsageError if lacking else NotIdentifiedError if refused else LogError
+        raise kind(
             "no family fits these logs as they are.",
             expected=f"What was tried:\n{reasons}" if found else
-            "Expected columns whose units or names tell what they are.",
+            "\n".join(["Expected columns whose units or names tell what they are.",
+                       *_unknown_units(log)]),
             remedy="Run the family with --column, --unit and what it asks for; inspect shows the "
             "columns.",
         )  # fmt: skip
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
-        poor = len(able) == 1 and not (able[0].unsure or able[0].basis)
-        raise UsageError(
-            "the only family that can be tried describes these logs poorly." if poor
-            else "these logs can be read in more than one way.",
-            expected="\n".join(f"  {s.command}" for s in able),
-            remedy="Run it if it is meant; --sample-time SECONDS lets families in time be tried "
-            "where the log has no time." if poor else "Run the intended command.",
-        )  # fmt: skip
+        raise _open_question(able, log)
     echo_advice(able)
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip
     return able[number - 1]
+
+
+def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
+    """What a person has to decide, with the commands to choose from."""
+    from fluidact_fit.logs.columns import time_candidate
+
+    what, remedy = "these logs can be read in more than one way.", "Run the intended command."
+    if able[0].options:
+        what = f"{able[0].reason} Nothing is left out unasked."
+    elif len(able) == 1 and not (able[0].unsure or able[0].basis):
+        what = "the only family that can be tried describes these logs poorly."
+        remedy = "Run it if it is meant."
+        if time_candidate(log) is None and log.sample_time is None:
+            remedy += " --sample-time SECONDS lets families in time be tried."
+    return UsageError(what, expected="\n".join(f"  {s.command}" for s in able), remedy=remedy)
+
+
+def _unknown_units(log: Log) -> list[str]:
+    """Say which columns have a unit that is not known."""
+    from fluidact_fit.units import unit_doubt
+
+    doubts = ((c.index, unit_doubt(c.unit)) for c in log.columns if c.unit)
+    return [f"#{number}: {doubt}" for number, doubt in doubts if doubt]

@@ -20,6 +20,7 @@ from fluidact_fit.errors import (
 )
 from fluidact_fit.families import get_family
 from fluidact_fit.files import shell_command
+from fluidact_fit.units.quantities import parse_quantity
 
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
@@ -40,7 +41,7 @@ from ..options import (
 )
 from ..outputs import check_places, refuse_existing, write_all
 from ..parameter_table import echo_parameters
-from ..parse import converted, parse_quantities, parse_quantity, parse_seconds, parse_window
+from ..parse import converted, parse_quantities, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
 from ..show import echo_json, echo_text, json_text
@@ -321,7 +322,7 @@ def _propose_columns(family: str, log: Log) -> str:
         return ""  # that a column is missing is what has to be said
     if not found or found[0].unsure or found[0].basis:
         return ""
-    words = column_options(found[0], log)
+    words = column_options(found[0], [log])
     return f"Did you mean {shell_command(words)}?" if words else ""
 
 

@@ -14,17 +14,17 @@ from .suggestion import Suggestion
 from .trial import bound_log
 
 
-def with_command(s: Suggestion, log: Log, typed: Sequence[str]) -> Suggestion:
-    """Return a suggestion with its command, for a log whose options were ``typed``."""
+def with_command(s: Suggestion, logs: Sequence[Log], typed: Sequence[str]) -> Suggestion:
+    """Return a suggestion with its command, for logs whose options were ``typed``."""
     asked = [word for option in s.asked for word in shlex.split(option)]
-    words = ["fluidact-fit", s.family, *typed, *column_options(s, log), *asked,
-             "-o", f"{s.family}.yaml"]  # fmt: skip
+    words = ["fluidact-fit", s.family, *typed, *column_options(s, logs), *s.options,
+             *asked, "-o", f"{s.family}.yaml"]  # fmt: skip
     return replace(s, command=shell_command(words), powershell=powershell_command(words))
 
 
-def column_options(s: Suggestion, log: Log) -> list[str]:
+def column_options(s: Suggestion, logs: Sequence[Log]) -> list[str]:
     """``--column`` of every role that a fit would not find by itself."""
-    out = []
+    out, log = [], logs[0]
     for role, at in bound_log(log, s).bindings.items():
         if role in log.bindings:
             continue  # the user has given it
@@ -34,7 +34,7 @@ def column_options(s: Suggestion, log: Log) -> list[str]:
         except LogError:
             known = None
         if known is not column:
-            out += ["--column", f"{role}={reference_of(log, column)}"]
+            out += ["--column", f"{role}={reference_of(log, column, logs[1:])}"]
     return out
 
 

@@ -62,4 +62,4 @@ def suggest(
         incomplete = with_open_roles(others, log, signals, timed)
     found = found[:_TRIED]
     tried = try_fits(found, logs, progress) if trial else found
-    return [with_command(s, log, typed) for s in [*in_order_of_merit(tried), *incomplete]]
+    return [with_command(s, logs, typed) for s in [*in_order_of_merit(tried), *incomplete]]

@@ -38,6 +38,8 @@ class Suggestion:
         Parameters that the logs do not determine, with what would: the words of the warning.
     reason
         Why it was refused or not tried.
+    options
+        What the command needs beside columns; the trial was made with it.
     asked
         Options that have to be given first, as ``--mass NUMBER``.
     command
@@ -65,6 +67,7 @@ class Suggestion:
     parameters: int = 0
     not_identified: Mapping[str, str] = field(default_factory=dict)
     reason: str = ""
+    options: tuple[str, ...] = ()
     asked: tuple[str, ...] = ()
     command: str = ""
     powershell: str = ""
@@ -89,7 +92,7 @@ def is_clear(found: Sequence[Suggestion]) -> bool:
     """Return whether the first suggestion is the one, without a question left."""
     if not found or found[0].verdict not in ("pass", "warn"):
         return False
-    if found[0].unsure or found[0].basis:
+    if found[0].unsure or found[0].basis or found[0].options:
         return False
     if (found[0].fit_percent or 100.0) < policy.FIT_WEAK:
         return False

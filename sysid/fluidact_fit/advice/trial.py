@@ -19,6 +19,7 @@ from ..model_free import Views, view_fit, view_runs
 from .suggestion import Suggestion
 
 _OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
+_DROP = ("--invalid=drop",)
 _ROWS = 50_000  # of all logs, beyond which none is tried
 
 
@@ -41,11 +42,17 @@ def _try_fit(
     """Return a suggestion with the outcome of a fit."""
     if progress is not None:
         progress(f"trying {s.family}")
+    if s.options == _DROP:
+        logs = [replace(log, invalid="drop") for log in logs]
     try:
         result = fit(s.family, bound_logs(logs, s))
     except NotIdentifiedError as error:
         return replace(s, verdict="refused", reason=_one_line(error))
     except (UsageError, LogError) as error:
+        if "--invalid=drop" in error.remedy and not s.options:
+            tried = _try_fit(replace(s, options=_DROP), logs, progress)
+            left_out = f"{error.where}: {error.what} The command leaves such rows out."
+            return replace(tried, reason=f"{left_out} {tried.reason}".strip())
         return replace(s, reason=_one_line(error), asked=tuple(_OPTION.findall(error.remedy)))
     free = [q for q in result.parameters.values() if q.status == "estimated"]
     lost = [n for n, q in result.parameters.items() if q.status == "not_identified"]
@@ -78,7 +85,10 @@ def bound_log(log: Log, s: Suggestion) -> Log:
 def bound_logs(logs: Sequence[Log], s: Suggestion) -> list[Log]:
     """Return logs bound as by the command of a suggestion: by the headers of the first."""
     first = bound_log(logs[0], s)
-    words = {r: reference_of(first, find_column(first, r, at)) for r, at in first.bindings.items()}
+    words = {
+        role: reference_of(first, find_column(first, role, at), logs[1:])
+        for role, at in first.bindings.items()
+    }
     return [replace(log, bindings={**words, **log.bindings}) for log in logs]
 
 

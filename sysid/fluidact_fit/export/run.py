@@ -9,7 +9,14 @@ from pathlib import Path
 
 from ..block import Block
 from ..control import load
-from ..errors import Notice, NotIdentifiedError, OutputError, StrictError, UsageError
+from ..errors import (
+    ExistingFileError,
+    Notice,
+    NotIdentifiedError,
+    OutputError,
+    StrictError,
+    UsageError,
+)
 from ..files import PathLike, refuse_outputs
 from ..parameters.atomic import write_together
 from ..presentation import weak_file
@@ -232,7 +239,7 @@ def _check_places(
     refuse_outputs([("", path) for path in paths], files)
     for path in paths:
         if os.path.lexists(path) and not overwrite:
-            raise OutputError(
+            raise ExistingFileError(
                 "already exists; not overwritten.",
                 where=path,
                 remedy="Give --force to replace it, or another folder.",

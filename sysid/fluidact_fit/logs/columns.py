@@ -11,7 +11,13 @@ import numpy as np
 from ..errors import LogError, MissingColumnError, Notice, UsageError, closest, visible
 from ..experiment import is_finite
 from ..specification import Role
-from ..units import conversion_factor, same_dimension, unit_within, without_size
+from ..units import (
+    conversion_factor,
+    parse_unit_from_header,
+    same_dimension,
+    unit_within,
+    without_size,
+)
 from .carry import find_carry
 from .log import Column, Log
 from .stamps import is_time_name, names_time
@@ -152,11 +158,23 @@ def matching(log: Log, wanted: str) -> list[Column]:
     )
 
 
-def reference_of(log: Log, column: Column) -> str:
-    """Return a text that ``--column`` takes for a column alone: its header, name or number."""
+def reference_of(log: Log, column: Column, others: Sequence[Log] = ()) -> str:
+    """Return a text that ``--column`` takes for a column alone: its header, name or number.
+
+    One that takes a single column of every other log as well is better, if there is any: a name
+    without its unit, where the units differ.
+    """
     texts = (column.header.strip(), column.name.strip())
-    unique = (t for t in texts if t and t == visible(t) and matching(log, t) == [column])
-    return next(unique, f"#{column.index}")
+    unique = [t for t in texts if t and t == visible(t) and matching(log, t) == [column]]
+    everywhere = (t for t in unique if all(len(matching(other, t)) == 1 for other in others))
+    return next(everywhere, unique[0] if unique else f"#{column.index}")
+
+
+def _same_name(log: Log, header: str) -> Column | None:
+    """The one column of a name that ``header`` has with another unit."""
+    name, unit = parse_unit_from_header(header)
+    found = matching(log, name) if unit and name else []
+    return found[0] if len(found) == 1 and found[0].unit else None
 
 
 def share_columns(logs: Sequence[Log]) -> list[Log]:
@@ -171,7 +189,7 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
     anywhere = set().union(*held)
     out = []
     for log, pairs, here in zip(logs, given, held):
-        lacking = {role for role, _ in (pairs & anywhere) - here}
+        lacking = {role for role, w in (pairs & anywhere) - here if not _same_name(log, w)}
         out.append(replace(log, elsewhere=frozenset(lacking)) if lacking else log)
     return out
 
@@ -460,6 +478,8 @@ def _no_column(log: Log, role: str, wanted: str) -> LogError:
     headers = {h.casefold(): h for c in log.columns for h in (c.name, c.header) if h}
     close = closest(wanted.casefold(), headers)
     guess = f"Did you mean '{headers[close]}'? " if close else ""
+    if alike := _same_name(log, wanted):
+        guess = f"--column '{role}={alike.name}' takes both, each in its own unit. "
     return LogError(
         f"there is no column '{wanted}' for the role '{role}'.",
         where=log.name,

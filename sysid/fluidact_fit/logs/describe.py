@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import LogError, Notice
 from ..experiment import Experiment
 from ..specification import Role
-from ..units import conversion_factor, same_dimension
+from ..units import conversion_factor, same_dimension, unit_doubt
 from .checks import check_placeholders, check_sampling, smallest_step
 from .columns import TIME, Binding, bind_role, reference_of, time_candidate
 from .grid import untimed_run
@@ -142,6 +142,7 @@ def _describe_column(column: Column) -> dict[str, Any]:
         "header": column.header or None,
         "name": column.name or None,
         "unit": column.unit,
+        "unit_doubt": unit_doubt(column.unit) if column.unit else "",
         "low": float(finite.min()) if finite.size else None,
         "high": float(finite.max()) if finite.size else None,
         "resolution": smallest_step(column.stamps[np.isfinite(column.stamps)]),

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import LogError, Notice, UsageError
 from ..experiment import Experiment, Signal, at_rows
-from ..options import plausible
 from ..specification import Role, Variant
 from ..units import conversion_factor
+from ..units.quantities import plausible
 from .agreement import absolute_notice, overridden_notice, require_agreement
 from .checks import check_sampling, check_signals, find_suspects, smallest_step
 from .columns import (

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from ..errors import OutputError
+from ..errors import ExistingFileError, OutputError
 from ..files import IRREGULAR, PathLike, is_irregular, refuse_input
 
 try:
@@ -70,7 +70,7 @@ def write_atomically(
         else:
             _replace(target, content, mode, overwrite)
     except FileExistsError as error:
-        raise OutputError(
+        raise ExistingFileError(
             "already exists; not overwritten.",
             where=where,
             remedy="Give --force to replace it, or another name.",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ..options import plausible
+from ..units.quantities import plausible
 from .problems import Location, Problems, find_entries
 
 _LEAST, _MOST = 1e-12, 1e9  # s, of a sample time

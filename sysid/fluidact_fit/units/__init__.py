@@ -1,6 +1,6 @@
 """Units in and out: everything inside the package is SI, and converted here."""
 
-from .conversion import base_units, conversion_factor, dimension_name, same_dimension
+from .conversion import base_units, conversion_factor, dimension_name, same_dimension, unit_doubt
 from .display import DisplayUnit, display_unit
 from .headers import (
     SUFFIXES,
@@ -40,6 +40,7 @@ __all__ = [
     "parse_unit_from_header",
     "pressure_reference",
     "same_dimension",
+    "unit_doubt",
     "unit_within",
     "without_size",
 ]

@@ -114,6 +114,15 @@ def conversion_factor(
     return found.factor / wanted.factor
 
 
+def unit_doubt(unit: str) -> str:
+    """Say that a unit is not read, whatever its quantity, with the nearest one; else nothing."""
+    found = read_unit(unit)
+    if not found.fault or found.means_unit:
+        return ""
+    likely = closest(unit, TABLE)
+    return f"unit {_shown(unit)} is not known" + (f": did you mean '{likely}'?" if likely else "")
+
+
 def _quantity(si_unit: str) -> str:
     return f"{dimension_name(si_unit)} such as '{si_unit}'"
 
