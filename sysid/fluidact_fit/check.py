@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -19,6 +19,7 @@ from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation
 from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
+from .parameters.draws import draw_document
 from .presentation import ParametersLike, document_of, weak_file
 from .recall import recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
@@ -26,6 +27,8 @@ from .tables import Table, format_number, format_spread, percent_text
 from .units import after_number, display_unit
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
+_SPREADS = 2.0  # of what the errors of the file's parameters do to the output, rms
+_DRAWS = 16
 MOST_STD_ERRORS = 4.0
 LEAST_RELATIVE = 0.02
 
@@ -34,7 +37,9 @@ LEAST_RELATIVE = 0.02
 class LogCheck:
     """One run of a log simulated with the file's parameters.
 
-    ``rmse`` and ``limit`` are in ``unit``; ``within`` says whether the rmse is below.
+    ``rmse`` and ``limit`` are in ``unit``; ``within`` says whether the rmse is below. ``spread``
+    is the rms [``unit``] by which the errors of the file's parameters move the simulated output:
+    it is asked for, and part of the limit, where the rmse would be above it otherwise.
     """
 
     file: str
@@ -44,6 +49,7 @@ class LogCheck:
     unit: str
     fit_percent: float
     within: bool
+    spread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -215,8 +221,9 @@ def check_logs(
     of both, with what the file does not know of the parameters held.
 
     It no longer ``fits`` when the rmse of a run is above ``RMSE_FACTOR`` times the file's plus one
-    resolution step of the output, or a parameter moved by more than ``MOST_STD_ERRORS`` combined
-    standard errors and by more than ``LEAST_RELATIVE``.
+    resolution step of the output, and above what the errors of the file's parameters explain, or
+    a parameter moved by more than ``MOST_STD_ERRORS`` combined standard errors and by more than
+    ``LEAST_RELATIVE``.
 
     Raises
     ------
@@ -244,6 +251,9 @@ def check_logs(
             message = f"only the simulation was compared, not the parameters: {text}"
             notices.append(Notice("not-compared", message))
     checks = tuple(_check_log(document, s, variant) for s in simulations)
+    if not all(c.within for c in checks):
+        checks = _allow_for_errors(document, runs, simulations, checks)
+    notices += _uncertain(checks, bool(drifts))
     if not drifts and not any(c.samples for c in checks):
         _refuse_empty(checks)
     units = recorded_units(document)
@@ -270,6 +280,46 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
     limit = RMSE_FACTOR * document.fit.rmse.value + signal.resolution
     return LogCheck(simulation.experiment.name, found.samples, found.rmse, limit, signal.unit,
                     found.fit_percent, found.rmse <= limit)  # fmt: skip
+
+
+def _allow_for_errors(
+    document: ParameterDocument,
+    runs: Sequence[Experiment],
+    simulations: Sequence[Simulation],
+    checks: Sequence[LogCheck],
+) -> tuple[LogCheck, ...]:
+    """Add to the limits what parameters drawn from the file's covariance do to the output."""
+    variant, rng = variant_of(document), np.random.default_rng(0)
+    squares = np.zeros(len(checks))
+    for _ in range(_DRAWS):
+        drawn = simulate_runs(draw_document(document, variant, rng), runs)
+        for k, (now, other) in enumerate(zip(simulations, drawn)):
+            moved = (other.simulated - now.simulated)[np.isfinite(now.measured)]
+            squares[k] += np.mean(moved**2) / _DRAWS if moved.size else 0.0
+    out = []
+    for check, square in zip(checks, squares.tolist()):
+        if not check.within:
+            spread = math.sqrt(square)
+            limit = math.hypot(check.limit, _SPREADS * spread)
+            check = replace(check, limit=limit, spread=spread, within=check.rmse <= limit)
+        out.append(check)
+    return tuple(out)
+
+
+def _uncertain(checks: Sequence[LogCheck], compared: bool) -> list[Notice]:
+    """Say which logs the file predicts too poorly for their rmse to tell anything."""
+    files = [c.file for c in checks if c.within and c.spread]
+    if not files:
+        return []
+    return [
+        Notice(
+            "prediction-uncertain",
+            f"{', '.join(files)}: the errors of the file's parameters move the simulated output "
+            "by as much as it is off, so the rmse does not tell whether the machine has changed"
+            + ("; the parameters are compared. " if compared else ". ")
+            + "A file fitted to several logs predicts better.",
+        )
+    ]
 
 
 def _refuse_empty(checks: Sequence[LogCheck]) -> None:

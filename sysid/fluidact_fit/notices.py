@@ -309,6 +309,11 @@ _JUDGEMENT = {
         "The model explains so little of the output that the fit has failed.",
         "Check columns, units and signs, and whether this family describes the machine.",
     ),
+    "prediction-uncertain": _warning(
+        "The errors of the parameters in the file move the output that `check` simulates by as "
+        "much as it is off: its rmse does not tell whether the machine has changed.",
+        "Look at the parameters that are compared; fit a file to several logs of the machine.",
+    ),
     "residuals-autocorrelated": _warning(
         "The model misses the output by far more than the noise of the sensor, and not at random: "
         "the machine does something that the model does not describe.",

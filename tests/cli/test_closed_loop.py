@@ -12,12 +12,13 @@ import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.control import read_document
-from fluidact_fit.control.closed_loop import simulate_loop, with_values
+from fluidact_fit.control.closed_loop import simulate_loop
 from fluidact_fit.control.controller_file import read_controller_file
 from fluidact_fit.export.controller import controller_code
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Plant
 from fluidact_fit.parameters import make_document, save_document
+from fluidact_fit.parameters.draws import with_values
 from fluidact_fit.routines import Machine
 
 GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__

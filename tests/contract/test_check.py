@@ -1,12 +1,16 @@
-"""A file still describes the logs it was fitted to."""
+"""A file still describes the logs it was fitted to, and others of the same machine."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
+
+DATASETS = Path(__file__).parents[2] / "datasets"
 
 
 def test_a_file_fits_its_own_logs(trial: Any, here: Callable[..., Any]) -> None:
@@ -19,3 +23,23 @@ def test_a_file_fits_its_own_logs(trial: Any, here: Callable[..., Any]) -> None:
     assert not moved, "the same samples are the same estimate"
     due = [entry["rmse"]["value"] for entry in trial.raw["fit"]["logs"]]
     assert [entry["rmse"] for entry in found["logs"]] == pytest.approx(due, rel=1e-9, abs=0.0)
+
+
+def test_a_prediction_is_as_uncertain_as_the_parameters_of_the_file(
+    here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One log of a drive tells its static levels within 1 %: enough to stick a stroke away."""
+    monkeypatch.chdir(tmp_path)
+    one, other = (DATASETS / "ball-screw" / f"trial{k}.csv" for k in (1, 2))
+    assert here("ball-screw", one, "-o", "drive.yaml", "-q").status == 0
+    done = here("check", "drive.yaml", other, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert "prediction-uncertain" in [notice["code"] for notice in found["notices"]]
+    assert not any(d["moved"] for d in found["drifts"])
+    changed = pd.read_csv(other)
+    changed.iloc[:, 1] *= 1.05  # the torque constant: what is left of the drive differs by 5 %
+    changed.to_csv("changed.csv", index=False)
+    done = here("check", "drive.yaml", "changed.csv")
+    assert done.status == 5
+    assert "moved from" in done.err

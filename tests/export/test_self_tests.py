@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.control.closed_loop import with_values
 from fluidact_fit.control.loading import make_block, read_document
 from fluidact_fit.export import excitation, export
 from fluidact_fit.export.c import write, write_code
@@ -24,6 +23,7 @@ from fluidact_fit.export.rounding import difference, error_of, inward, single
 from fluidact_fit.export.target import Code, Job
 from fluidact_fit.families.potentiometer.calibration import Calibration
 from fluidact_fit.families.potentiometer.routines import routines_of as potentiometer_routines
+from fluidact_fit.parameters.draws import with_values
 from fluidact_fit.routines import (
     Draft,
     Filter,

@@ -9,7 +9,7 @@ tracking to expect of the true machine, not of one that the controller happens t
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,7 @@ from ..block import Block
 from ..errors import LogError, UsageError
 from ..experiment import FloatArray
 from ..parameters.document import ParameterDocument
-from ..parameters.draws import draw_values, place_of
-from ..specification import Variant
+from ..parameters.draws import draw_document
 from ..units import conversion_factor
 from .controller_file import ControllerFile, ReferenceKeys
 from .controller_numbers import Entry, numbers_of
@@ -300,27 +299,3 @@ def _read_reference(path: str, unit: str) -> SampledReference:
         given = found[0].unit
         columns[name] = found[0].values * (conversion_factor(given, si, log.name) if given else 1.0)
     return SampledReference(columns["time"] - columns["time"][0], columns["reference"])
-
-
-def draw_document(
-    document: ParameterDocument, variant: Variant, rng: np.random.Generator
-) -> ParameterDocument:
-    """A document with parameters drawn from its covariance (:func:`.draws.draw_values`)."""
-    if document.covariance is None:
-        return document
-    (found,) = draw_values(document, variant, rng, 1)
-    return with_values(document, dict(zip(document.covariance.order, found.tolist())))
-
-
-def with_values(document: ParameterDocument, drawn: Mapping[str, float]) -> ParameterDocument:
-    """The document with other parameters, those of lists by their places: ``weights_1[2][0]``."""
-    parameters = dict(document.parameters)
-    arrays = {
-        n: np.array(parameters[n].value, dtype=float) for n in {place_of(d)[0] for d in drawn}
-    }
-    for name, value in drawn.items():
-        head, indices = place_of(name)
-        arrays[head][indices] = value
-    for name, array in arrays.items():
-        parameters[name] = parameters[name].model_copy(update={"value": array.tolist()})
-    return document.model_copy(update={"parameters": parameters})

@@ -40,6 +40,30 @@ def draw_values(
     return np.clip(out, low, high)
 
 
+def draw_document(
+    document: ParameterDocument, variant: Variant, rng: np.random.Generator
+) -> ParameterDocument:
+    """A document with parameters drawn from its covariance (:func:`draw_values`)."""
+    if document.covariance is None:
+        return document
+    (found,) = draw_values(document, variant, rng, 1)
+    return with_values(document, dict(zip(document.covariance.order, found.tolist())))
+
+
+def with_values(document: ParameterDocument, drawn: Mapping[str, float]) -> ParameterDocument:
+    """The document with other parameters, those of lists by their places: ``weights_1[2][0]``."""
+    parameters = dict(document.parameters)
+    arrays = {
+        n: np.array(parameters[n].value, dtype=float) for n in {place_of(d)[0] for d in drawn}
+    }
+    for name, value in drawn.items():
+        head, indices = place_of(name)
+        arrays[head][indices] = value
+    for name, array in arrays.items():
+        parameters[name] = parameters[name].model_copy(update={"value": array.tolist()})
+    return document.model_copy(update={"parameters": parameters})
+
+
 def place_of(name: str) -> tuple[str, tuple[int, ...]]:
     """Parameter and indices of ``weights_1[2][0]``."""
     head, *rest = name.split("[")
