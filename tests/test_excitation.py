@@ -228,7 +228,7 @@ def test_potentiometer_gets_positions_to_hold() -> None:
     found = design(document_of(fit_trial("potentiometer")), criterion="determinant")
     assert not found.time.size
     assert found.signals["samples"].sum() == pytest.approx(1000, abs=20)
-    assert np.all(np.diff(found.signals["reference"]) > 0.0)
+    assert np.all(np.diff(found.signals["planned_reference"]) > 0.0)
     ratios = [f.ratio for f in found.forecasts if f.ratio is not None]
     assert np.mean(ratios) < 1.0
 

@@ -27,6 +27,7 @@ def design_points(task: Task) -> Design:
     points, shares = _support(grid, share)
     weights = shares * static_samples(task)
     output, unknown = task.output, task.unknowns[0]
+    planned = f"planned_{output.name}"  # the table is no log: nothing takes this for measured
     note = (
         f"{100.0 * _SPREAD:.0f} % of the samples are spread evenly: the rest would not show "
         "whether the curve has another shape."
@@ -36,11 +37,11 @@ def design_points(task: Task) -> Design:
         description=f"{points.size} positions to hold",
         time=np.zeros(0),
         signals={
-            output.name: _evaluate(task, unknown, unknown.value, points),
+            planned: _evaluate(task, unknown, unknown.value, points),
             task.drive.name: points,
             "samples": np.maximum(np.round(weights), 1.0),
         },
-        units={output.name: output.unit, task.drive.name: task.drive.unit, "samples": "1"},
+        units={planned: output.unit, task.drive.name: task.drive.unit, "samples": "1"},
         forecasts=task.forecasts(task.sigma * static_errors(static_rows(task, points), weights)),
         criterion=task.criterion,
         limits=task.limits,
