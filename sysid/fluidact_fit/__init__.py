@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .errors import (
         ConsumerError,
         ControllerFileError,
+        ExistingFileError,
         ExtrapolationWarning,
         FluidactError,
         JobsFileError,
@@ -51,9 +52,10 @@ _NAMES = {
     "comparison": ("compare",),
     "control": ("load", "read_document"),
     "errors": (
-        "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FluidactError",
-        "JobsFileError", "LogError", "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
-        "ParameterFileError", "SchedulerError", "StrictError", "UnitError", "UsageError",
+        "ConsumerError", "ControllerFileError", "ExistingFileError", "ExtrapolationWarning",
+        "FluidactError", "JobsFileError", "LogError", "MismatchError", "NotIdentifiedError",
+        "Notice", "OutputError", "ParameterFileError", "SchedulerError", "StrictError",
+        "UnitError", "UsageError",
     ),
     "export": ("export",),
     "families": ("family_names", "get_family"),
@@ -65,10 +67,10 @@ _NAMES = {
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FitResult", "FluidactError",
-    "Inspection", "JobsFileError", "Log", "LogError", "MismatchError", "NotIdentifiedError",
-    "Notice", "OutputError", "ParameterFileError", "SchedulerError", "StepInput", "StrictError",
-    "UnitError", "UsageError", "__version__", "check", "compare", "export", "family_names", "fit",
+    "ConsumerError", "ControllerFileError", "ExistingFileError", "ExtrapolationWarning",
+    "FitResult", "FluidactError", "Inspection", "JobsFileError", "Log", "LogError",
+    "MismatchError", "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError",
+    "SchedulerError", "StepInput", "StrictError", "UnitError", "UsageError", "__version__", "check", "compare", "export", "family_names", "fit",
     "get_family", "inspect", "load", "read_document", "read_log",
 ]  # fmt: skip
 
