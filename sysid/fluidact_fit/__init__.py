@@ -70,8 +70,9 @@ __all__ = [
     "ConsumerError", "ControllerFileError", "ExistingFileError", "ExtrapolationWarning",
     "FitResult", "FluidactError", "Inspection", "JobsFileError", "Log", "LogError",
     "MismatchError", "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError",
-    "SchedulerError", "StepInput", "StrictError", "UnitError", "UsageError", "__version__", "check", "compare", "export", "family_names", "fit",
-    "get_family", "inspect", "load", "read_document", "read_log",
+    "SchedulerError", "StepInput", "StrictError", "UnitError", "UsageError", "__version__",
+    "check", "compare", "export", "family_names", "fit", "get_family", "inspect", "load",
+    "read_document", "read_log",
 ]  # fmt: skip
 
 
