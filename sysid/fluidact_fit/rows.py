@@ -26,11 +26,6 @@ def evenly(first: float, step: float, count: int) -> FloatArray:
     return first + np.arange(count, dtype=np.float64) * step
 
 
-def counted(begin: int, end: int) -> npt.NDArray[np.integer[Any]]:
-    """Whole numbers from one up to another, which is left out."""
-    return np.arange(begin, end, dtype=np.int64)
-
-
 def is_repeated(values: Array) -> bool:
     """Return whether an array stands for one row again and again."""
     return values.shape[0] > 1 and values.strides[0] == 0
@@ -52,8 +47,3 @@ def side_by_side(*columns: Array) -> Array:
     Tables of few columns are written so in a third of the time that whole rows take.
     """
     return np.concatenate([x.T if x.ndim > 1 else x[None] for x in columns]).T
-
-
-def ends_of(values: FloatArray) -> tuple[float, float]:
-    """Smallest and largest value, shape ``(n,)``."""
-    return float(values.min()), float(values.max())

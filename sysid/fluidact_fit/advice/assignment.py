@@ -80,11 +80,10 @@ def _assign(
     family: str, variant: Variant, log: Log, columns: Sequence[Column], timed: bool
 ) -> Suggestion | None:
     """Assign the columns that suit the roles of a variant best."""
-    roles = [r for r in variant.roles if r.name != "time"]
-    required = [r for r in roles if r.required]
+    required = required_roles(variant)
     if len(columns) < len(required) or roles_of_others(log, variant):
         return None
-    if not timed and any(r.name == "time" and r.required for r in variant.roles):
+    if needs_time(variant) and not timed:
         return None
     scores = np.array([[score_of(log, r, c) for c in columns] for r in required])
     rows, chosen = linear_sum_assignment(scores, maximize=True)
@@ -92,11 +91,10 @@ def _assign(
     if scores[rows, chosen].min() <= 0.0 or min(told) < ALSO:
         return None  # neither unit nor name tells of some role what it is
     taken = {required[i].name: columns[j] for i, j in zip(rows, chosen, strict=True)}
-    timeless = not any(r.name == "time" and r.required for r in variant.roles)
-    if not _alike(variant, taken) or _has_copy(list(taken.values()), timeless):
+    if not _alike(variant, taken) or _has_copy(list(taken.values()), not needs_time(variant)):
         return None
     total = float(scores[rows, chosen].sum())
-    for role in (r for r in roles if not r.required):
+    for role in (r for r in variant.roles if not r.required and r.name != "time"):
         left = [c for c in columns if c not in taken.values()]
         best = max(left, key=lambda c: score_of(log, role, c), default=None)
         if best is not None and score_of(log, role, best) > MEASURED:
@@ -112,6 +110,16 @@ def _assign(
         total / len(taken) + _USED * len(taken) / (len(taken) + len(unused)), unsure,
         against=tuple(against), asked=tuple(_rated_values(log, required, taken)),
     )  # fmt: skip
+
+
+def required_roles(variant: Variant) -> list[Role]:
+    """Return the required roles of a variant but the time."""
+    return [r for r in variant.roles if r.required and r.name != "time"]
+
+
+def needs_time(variant: Variant) -> bool:
+    """Return whether the time is a required role of a variant."""
+    return any(r.name == "time" and r.required for r in variant.roles)
 
 
 def roles_of_others(log: Log, variant: Variant) -> set[str]:

@@ -13,7 +13,15 @@ from ..families import get_family
 from ..logs import Log
 from ..logs.log import Column, name_columns
 from ..specification import Role, Variant
-from .assignment import MEASURED, UNKNOWN, roles_of_others, score_of, words_of
+from .assignment import (
+    MEASURED,
+    UNKNOWN,
+    needs_time,
+    required_roles,
+    roles_of_others,
+    score_of,
+    words_of,
+)
 from .suggestion import Suggestion
 
 _CLEARLY = 0.75  # of the score, by which a column suits a role better than the others do
@@ -26,8 +34,8 @@ def lacking_one(
     signals = _without_copies(signals)
     for name in names:
         for variant in get_family(name).variants:
-            required, needs_time = _required(variant), _needs_time(variant)
-            if len(required) != len(signals) + 1 or not signals or (needs_time and not timed):
+            required, timely = required_roles(variant), needs_time(variant)
+            if len(required) != len(signals) + 1 or not signals or (timely and not timed):
                 continue
             if roles_of_others(log, variant):
                 continue
@@ -38,7 +46,7 @@ def lacking_one(
             lacking = next(r for k, r in enumerate(required) if k not in rows)
             if lacking.output:
                 continue  # what is fitted has to be recorded
-            alone = needs_time and lacking in variant.driving
+            alone = timely and lacking in variant.driving
             option = f"--step {lacking.name}=FROM:TO" if alone else f"--set {lacking.name}=VALUE"
             how = "stepped" if alone else "was constant"
             yield Suggestion(
@@ -65,15 +73,15 @@ def assigned_by_order(
     basis += "" if first is None else f"; #{pair[0].index} leads #{pair[1].index} and may drive it"
     for name in names:
         for variant in get_family(name).variants[:1]:
-            required, needs_time = _required(variant), _needs_time(variant)
+            required, timely = required_roles(variant), needs_time(variant)
             plain = all("1" in (r.unit, *r.alternatives) for r in required[:-1])
-            if len(required) != 2 or needs_time is (first is None) or not plain:
+            if len(required) != 2 or timely is (first is None) or not plain:
                 continue
             yield Suggestion(
                 name, variant.name, {r.name: f"#{c.index}" for r, c in zip(required, pair)}, 0.0,
                 basis=f"{basis}.",
                 unsure=((required[0].name, required[1].name),) if first is None else (),
-                asked=("--sample-time SECONDS",) if needs_time and not timed else (),
+                asked=("--sample-time SECONDS",) if timely and not timed else (),
             )  # fmt: skip
 
 
@@ -94,7 +102,7 @@ def with_open_roles(
         found = [(v, s) for v in variants if (s := _with_candidates(name, v, log, signals, timed))]
         best = max((s.score for _, s in found), default=0.0)
         ranked += [(v, s) for v, s in found if s.score == best]
-    ranked.sort(key=lambda pair: (-pair[1].score, _needs_time(pair[0]) is not timed,
+    ranked.sort(key=lambda pair: (-pair[1].score, needs_time(pair[0]) is not timed,
                                   len(pair[1].asked)))  # fmt: skip
     return [s for _, s in ranked]
 
@@ -103,7 +111,7 @@ def _with_candidates(
     family: str, variant: Variant, log: Log, signals: Sequence[Column], timed: bool
 ) -> Suggestion | None:
     """Return a variant with the candidates of each of its roles; ``None`` if a role has none."""
-    required = _required(variant)
+    required = required_roles(variant)
     if roles_of_others(log, variant) or len(signals) < len(required):
         return None
     scores = np.array([[score_of(log, r, c) for c in signals] for r in required])
@@ -119,7 +127,7 @@ def _with_candidates(
     open_roles = [r for r in required if len(by_role[r.name]) > 1]
     asked = [f"--column {r.name}=#N" for r in open_roles]
     asked += [f"--unit {r.name}=UNIT" for r in required if _needs_unit(log, r, by_role[r.name])]
-    asked += ["--sample-time SECONDS"] if _needs_time(variant) and not timed else []
+    asked += ["--sample-time SECONDS"] if needs_time(variant) and not timed else []
     return Suggestion(
         family, variant.name,
         {r: f"#{found[0].index}" for r, found in by_role.items() if len(found) == 1},
@@ -156,16 +164,6 @@ def _basis(candidates: Mapping[str, Sequence[Column]]) -> str:
         if columns
         else ("Names and units leave one column for each role, but do not tell its unit.")
     )
-
-
-def _required(variant: Variant) -> list[Role]:
-    """Return the required roles of a variant but the time."""
-    return [r for r in variant.roles if r.required and r.name != "time"]
-
-
-def _needs_time(variant: Variant) -> bool:
-    """Return whether the time is a required role of a variant."""
-    return any(r.name == "time" and r.required for r in variant.roles)
 
 
 def _without_copies(signals: Sequence[Column]) -> list[Column]:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, where_finite
-from ..rows import counted
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
@@ -127,7 +126,7 @@ def make_log(
         name=name,
         sha256=sha256 or _checksum(columns),
         columns=columns,
-        lines=counted(1, rows + 1),
+        lines=np.arange(1, rows + 1),
         dialect=Dialect(dialect, "binary", "", ".", 0, None, None, 1),
         account=Account(int(rows), 0, int(rows), 0, elements=tuple(elements)),
         notices=tuple(said),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import FloatArray, IndexArray
-from ..rows import blocks, counted, evenly
+from ..rows import blocks, evenly
 from .log import IntArray
 
 _UNIFORM = 1e-6
@@ -32,7 +32,7 @@ class Run:
 
 def untimed_run(rows: int) -> Run:
     """Return all rows as one run without time."""
-    return Run(counted(0, rows), np.empty(0), 0.0, False)
+    return Run(np.arange(rows), np.empty(0), 0.0, False)
 
 
 def counted_run(rows: int, sample_time: float, places: IntArray | None = None) -> Run:
@@ -41,9 +41,9 @@ def counted_run(rows: int, sample_time: float, places: IntArray | None = None) -
     ``places`` are those of the rows, where others were left out.
     """
     if places is None or places[-1] == rows - 1:
-        return Run(counted(0, rows), evenly(0.0, sample_time, rows), sample_time, True)
+        return Run(np.arange(rows), evenly(0.0, sample_time, rows), sample_time, True)
     even = bool(places[-1] - places[0] == rows - 1)
-    return Run(counted(0, rows), places.astype(np.float64) * sample_time, sample_time, even)
+    return Run(np.arange(rows), places.astype(np.float64) * sample_time, sample_time, even)
 
 
 def print_resolution(stamps: FloatArray) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import LogError
 from ..experiment import BoolArray, FloatArray, IndexArray
-from ..rows import counted
 from .layout import Group, Layout
 from .log import IntArray
 
@@ -103,8 +102,9 @@ def merge(
         np.array_equal(rows, held[0]) and np.array_equal(time, times[0])
         for rows, time in zip(held, times)
     )
+    places: list[IntArray]
     if same:
-        instants, places = times[0], [counted(0, times[0].size)] * len(held)
+        instants, places = times[0], [np.arange(times[0].size)] * len(held)
     else:
         for group, rows, time in zip(layout.groups, held, times):
             _require_order(group, rows, time, lines, name)

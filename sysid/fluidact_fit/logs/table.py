@@ -18,7 +18,6 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, is_finite
-from ..rows import counted
 from .clock import Clocks, read_clocks
 from .exact import Exact, loses, of_cells, of_column
 from .groups import complete, merge
@@ -117,7 +116,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         if not _may_have_holes(columns, layout):
             return None
         bad = _collect_bad(columns, text, offset, layout)
-    lines = counted(layout.first_row + 1, layout.first_row + 1 + rows)
+    lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows)
     if bad is None or set(_cut_otherwise(bad, rows)):
         return None
     if any(_holds_few_words(texts, rows) for texts in bad):

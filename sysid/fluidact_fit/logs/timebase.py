@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import BoolArray, FloatArray, IndexArray, at_rows
-from ..rows import blocks, counted
+from ..rows import blocks
 from .columns import Binding, counts_for
 from .counters import digits_of_clock, find_overflow
 from .grid import Run, make_run, print_resolution
@@ -36,7 +36,7 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     Returns the runs in order, and what was repaired or left out. ``LogError`` when stamps are
     missing, step back or repeat without an explanation.
     """
-    rows = usable_rows(log, binding, counted(0, log.rows))
+    rows = usable_rows(log, binding, np.arange(log.rows))
     repair = _Repair(log, binding.column)
     stamps = at_rows(binding.column.stamps, rows)
     part = repair.drop_impossible(_Part(rows, stamps if binding.to_si > 0.0 else -stamps))

@@ -23,7 +23,7 @@ from ...experiment import (
     where_both,
     where_finite,
 )
-from ...rows import blocks, ends_of
+from ...rows import blocks
 from .calibration import rising_share
 from .options import PotentiometerOptions
 
@@ -91,7 +91,7 @@ def check_data(data: Data) -> None:
         )
     for name, values in (("reading", data.reading), ("reference", data.reference)):
         kept = data.kept(values)
-        low, high = ends_of(kept)
+        low, high = float(kept.min()), float(kept.max())
         if high - low <= 1e-12 * max(high, -low):
             raise NotIdentifiedError(
                 f"the {name} is {kept[0]:g} in all {kept.size} samples.",
@@ -140,7 +140,7 @@ def _settle_rails(
     clips, readings within three standard deviations of their noise are left out as well.
     """
     x, y = data.kept(data.reading), data.kept(data.reference)
-    low, high = ends_of(x)
+    low, high = float(x.min()), float(x.max())
     margin, notices = 0.1 * (high - low), []
     rails = given or (low - margin, high + margin)
     for k, end in enumerate((low, high)):
@@ -275,7 +275,7 @@ class Scaled:
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     """Scale the used samples; without a dead band between branches there is one curve."""
     x, y = data.kept(data.reading), data.kept(data.reference)
-    (low, high), (base, top) = ends_of(x), ends_of(y)
+    (low, high), (base, top) = ((float(v.min()), float(v.max())) for v in (x, y))
     span, stroke = high - low, top - base
     share = np.broadcast_to(1.0, x.shape) if dead_band is None else data.rising(dead_band)
     table, level = np.column_stack(((x - low) / span, share)), (y - base) / stroke
