@@ -75,7 +75,8 @@ class MapRows:
 
     def slopes(self, fit: MapFit) -> FloatArray:
         """Derivatives by its unknowns that are not on a bound, shape ``(n, q)``."""
-        return fit.model.slopes(fit.theta, self.x)[:, fit.free]
+        every = fit.model.slopes(fit.theta, self.x)
+        return every if fit.free.all() else every[:, fit.free]
 
     def squares(self, fit: MapFit) -> float:
         """Weighted sum of squared residuals."""

@@ -194,16 +194,16 @@ class BezierModel:
         ``dy/dP_i = R_i`` and ``dy/d log w_i = R_i (P_i - y)`` with
         ``R_i = w_i B_i / sum_k w_k B_k``.
         """
-        b = bernstein(x[:, 0], self.degree)
-        share = x[:, 1]
-        shares = [np.ones(1)] if self.branches == 1 else [share, 1.0 - share]
-        out = []
-        for (p, w), share in zip(self.curves(theta), shares):
-            ratio = b * w
-            ratio /= ratio.sum(axis=1)[:, None]
-            logs = ratio * (p - (ratio @ p)[:, None])
-            out.append((np.hstack((ratio, logs)) @ self.expansion).T * share)
-        return np.vstack(out).T
+        curves, out = self.curves(theta), np.empty((self.unknowns, len(x)))
+        for at in blocks(len(x)):
+            b, share = bernstein(x[at, 0], self.degree), x[at, 1]
+            shares = [np.ones(1)] if self.branches == 1 else [share, 1.0 - share]
+            for own, (p, w), share in zip(np.split(out, self.branches), curves, shares):
+                ratio = b * w
+                ratio /= ratio.sum(axis=1)[:, None]
+                logs = ratio * (p - (ratio @ p)[:, None])
+                own[:, at] = (np.hstack((ratio, logs)) @ self.expansion).T * share
+        return out.T
 
     def start(self, rows: MapRows, weights: Sequence[FloatArray]) -> FloatArray:
         """Unknowns with given weights of the branches; the control points that fit best."""
