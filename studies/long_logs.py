@@ -38,17 +38,16 @@ _EXPLAINED = """# Long logs
 Written by `python -m studies.long_logs --write`. Every log is sampled at 1 kHz with noise on its
 output and made by a closed form; the command runs in a fresh process. Memory is the largest
 resident set of that process, or of the one that reads Parquet for it; time is the processor time of
-both. `times read_csv` is what the rows beyond those
-of the line above took, over what `pandas.read_csv` takes for as many more rows of the same log as
-CSV, the quickest of three. The exponent is that of the time over the rows, from the line above to
+both, on a machine that did other work as well. `times read_csv` is what the rows beyond those of
+the line above took, over what `pandas.read_csv` takes for as many more rows of the same log as CSV,
+the quickest of three. The exponent is that of the time over the rows, from the line above to
 this one; over all rows of a log it stands in the second table. `deviations` is the largest of the
 parameters from the truth, in standard errors.
 
 A fit keeps every row of its logs, the derivatives by the parameters among them, some 100 to 200
 bytes a row, and takes 2*10^7 samples at most. A potentiometer keeps each distinct reading beside
-them, with how many samples have it,
-their mean and their scatter: little for the readings of a converter, as here, but some 150 bytes a
-row where hardly two readings are alike.
+them, with how many samples have it, their mean and their scatter: little for the readings of a
+converter, as here, but some 150 bytes a row where hardly two readings are alike.
 
 """
 _STEP = 1e-3  # s
