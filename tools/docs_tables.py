@@ -30,6 +30,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
+import fluidact_fit.errors
 from fluidact_fit.assessment.policy import POLICY
 from fluidact_fit.control import controller_file as controllers
 from fluidact_fit.demo import load_dataset
@@ -238,8 +239,7 @@ def _section_keys(section: type[FamilyOptions]) -> str:
 def exit_statuses() -> str:
     """Exit statuses, each with the errors that end in it."""
     meanings: dict[int, list[str]] = {0: ["done"], 1: ["a bug in the program"]}
-    errors = [getattr(ff, name) for name in ff.__all__]
-    for error in errors:
+    for error in vars(fluidact_fit.errors).values():  # in the order of the module
         if not isinstance(error, type) or not issubclass(error, ff.FluidactError):
             continue
         if error is not ff.FluidactError:
