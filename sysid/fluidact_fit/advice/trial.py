@@ -49,7 +49,8 @@ def _try_fit(
     except NotIdentifiedError as error:
         return replace(s, verdict="refused", reason=_one_line(error))
     except (UsageError, LogError) as error:
-        if "--invalid=drop" in error.remedy and not s.options:
+        unsaid = not s.options and all(log.invalid is None for log in logs)
+        if "--invalid=drop" in error.remedy and unsaid:
             tried = _try_fit(replace(s, options=_DROP), logs, progress)
             left_out = f"{error.where}: {error.what} The command leaves such rows out."
             return replace(tried, reason=f"{left_out} {tried.reason}".strip())
