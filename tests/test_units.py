@@ -8,11 +8,14 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fluidact_fit import units
 from fluidact_fit.errors import UnitError
 from fluidact_fit.logs.header import _clean_unit
-from fluidact_fit.units import display_unit, headers, reading
+from fluidact_fit.units import display_unit, headers, reading, unit_doubt
+from fluidact_fit.units.quantities import in_si
 from fluidact_fit.units.table import ALIASES, AMBIGUOUS, ATOMS, TABLE, UNREAD
 from fluidact_fit.units.words import WORDS
 
@@ -601,3 +604,52 @@ def test_a_misspelt_unit_is_answered_with_the_one_of_that_quantity(
 ) -> None:
     with pytest.raises(UnitError, match=f"Did you mean '{meant}'"):
         units.conversion_factor(unit, si_unit)
+
+
+# ------------------------------------------------------------------------- numbers of people
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("50 bar", "Pa", 5e6), ("4.91cm2", "m2", 4.91e-4), ("-3e-1 mm", "m", -3e-4),
+        ("12", "s", 12.0), (" .5 ms ", "s", 5e-4), ("25 %", "1", 0.25), ("90°", "rad", math.pi / 2),
+        (7.5, "kg", 7.5), (None, "kg", None),
+    ],
+)  # fmt: skip
+def test_a_number_may_have_a_unit(text: object, unit: str, value: object) -> None:
+    assert in_si(text, unit) == (pytest.approx(value) if value is not None else None)
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "why"),
+    [
+        ("50 bar", ("m",), "pressure"), ("50 brr", ("Pa",), "not known"), ("", ("Pa",), "missing"),
+        ("1,5 bar", ("Pa",), "decimal comma"), ("bar", ("Pa",), "not a number"),
+        ("1e300 km", ("m",), "too large"), ("5 kg", (), "plain number"), ("1 2", ("m",), "not a"),
+    ],
+)  # fmt: skip
+def test_what_is_no_number_of_the_quantity_is_refused(
+    text: str, units: tuple[str, ...], why: str
+) -> None:
+    with pytest.raises(ValueError, match=why):
+        in_si(text, *units)
+
+
+def test_the_first_unit_of_the_same_quantity_is_taken() -> None:
+    assert in_si("3 l/min", "m3/s", "m/s") == pytest.approx(5e-5)
+    assert in_si("30 mm/s", "m3/s", "m/s") == pytest.approx(0.03)
+
+
+@given(number=st.floats(-1e6, 1e6).filter(lambda x: x == 0.0 or abs(x) > 1e-6))
+def test_a_written_number_reads_back(number: float) -> None:
+    assert in_si(f"{number!r} mm", "m") == pytest.approx(1e-3 * number, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [("brr", "did you mean 'bar'?"), ("mmm", "did you mean 'mm'?"), ("bar", ""), ("counts", "")],
+)
+def test_only_a_unit_that_nobody_uses_is_doubted(unit: str, said: str) -> None:
+    assert unit_doubt(unit).endswith(said)
+    assert bool(unit_doubt(unit)) is bool(said)

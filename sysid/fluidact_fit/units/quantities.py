@@ -30,7 +30,7 @@ def plausible(value: float) -> float:
 def parse_number(text: str) -> float:
     """Return a finite number; scientific notation, never a decimal comma. Else ``ValueError``."""
     text = text.strip()
-    if _DECIMAL_COMMA.fullmatch(text):
+    if (comma := _DECIMAL_COMMA.match(text)) and _is_unit(text[comma.end() :].strip() or "m"):
         raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"'{text}' is not a number" if text else "a number is missing")
@@ -60,9 +60,14 @@ def parse_quantity(text: str) -> float | NumberWithUnit:
     """Return a number, or a number and the unit that stands behind it; else ``ValueError``."""
     found = _NUMBER.match(text.strip())
     unit = text.strip()[found.end() :].strip() if found else ""
-    if found is None or not unit or not (unit[0].isalpha() or unit[0] in "°%µ"):
+    if found is None or not _is_unit(unit):
         return parse_number(text)
     return NumberWithUnit(parse_number(found[0]), unit)
+
+
+def _is_unit(text: str) -> bool:
+    """Return whether a text behind a number begins as a unit does."""
+    return text[:1].isalpha() or text[:1] in tuple("°%µ")
 
 
 def in_si(value: Any, *si_units: str) -> Any:
