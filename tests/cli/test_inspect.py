@@ -111,6 +111,22 @@ def test_columns_that_nothing_names_are_listed_with_a_command_to_complete(
     assert "Neither names nor units tell what #2, #3 and #4 are." in done.err
 
 
+def test_a_role_whose_column_is_constant_is_not_asked_for(here: Run, inside: Path) -> None:
+    """A position that never changed was called missing, to be recorded or given with --set."""
+    rng = np.random.default_rng(3)
+    p = 1e5 * (2.0 + np.sin(0.01 * np.arange(1000)))
+    log = table(inside / "spring.csv", [p, 1e-3 * p + rng.standard_normal(1000), 0.0 * p + 12.0],
+                "p [Pa],force [N],position [mm]")  # fmt: skip
+    done = here("inspect", log)
+    assert "position=#3" in done.out
+    assert "position is the same in every row (#3)" in done.out
+    assert "not determined: stiffness" in done.out
+    assert "--set position" not in done.out
+    done = here("fit", log)
+    assert done.status == 2
+    assert "error: position is the same in every row (#3)" in done.err
+
+
 def test_a_role_that_is_missing_is_named_with_the_option_that_gives_it(
     here: Run, inside: Path
 ) -> None:

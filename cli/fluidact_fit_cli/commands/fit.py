@@ -133,7 +133,9 @@ def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
     what, remedy = "these logs can be read in more than one way.", "Run the intended command."
     if able[0].options:
         what = f"{able[0].reason} Nothing is left out unasked."
-    elif len(able) == 1 and not (able[0].unsure or able[0].basis):
+    elif able[0].basis:
+        what = able[0].basis
+    elif len(able) == 1 and not able[0].unsure:
         what = "the only family that can be tried describes these logs poorly."
         remedy = "Run it if it is meant."
         if time_candidate(log) is None and log.sample_time is None:

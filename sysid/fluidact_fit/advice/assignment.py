@@ -149,6 +149,11 @@ def varies(column: Column) -> bool:
     return known.size > 1 and float(np.ptp(known)) > 0.0 and not column.part_of
 
 
+def is_constant(column: Column) -> bool:
+    """Return whether a column holds one number in every row."""
+    return column.values.size > 1 and bool((column.values == column.values[0]).all())
+
+
 def _alike(variant: Variant, taken: Mapping[str, Column]) -> bool:
     """Return whether roles of which only the ratio matters are in one quantity."""
     units = [taken[r].unit or "1" for r in variant.alike if r in taken]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from ..families import family_names
 from ..logs import Log, selected_part
 from ..logs.columns import time_candidate
-from .assignment import best_variant, varies
+from .assignment import best_variant, is_constant, varies
 from .command import given_options, with_command
 from .suggestion import Suggestion, in_order_of_merit
 from .trial import try_fits
@@ -47,15 +47,17 @@ def suggest(
     log, names = logs[0], [only] if only else family_names()
     typed = [*paths, *given_options(log)] if words is None else list(words)
     time = time_candidate(log)
-    signals = [c for c in selected_part(log).columns
-               if (time is None or c.index != time.column.index) and varies(c)]  # fmt: skip
+    columns = [c for c in selected_part(log).columns
+               if time is None or c.index != time.column.index]  # fmt: skip
+    signals = [c for c in columns if varies(c)]
+    constant = [c for c in columns if is_constant(c)]
     timed = time is not None or log.sample_time is not None
     found = [s for name in names for s in best_variant(name, log, signals, timed)]
     found.sort(key=lambda s: -s.score)
     found = [s for s in found if s.score >= _SHORTLIST * found[0].score]
     incomplete: list[Suggestion] = []
     if not found:
-        found = list(lacking_one(names, log, signals, timed))
+        found = list(lacking_one(names, log, signals, constant, timed))
     if not found:
         found = list(assigned_by_order(names, log, signals, timed))
         others = [name for name in names if name not in {s.family for s in found}]

@@ -28,9 +28,16 @@ _CLEARLY = 0.75  # of the score, by which a column suits a role better than the 
 
 
 def lacking_one(
-    names: Sequence[str], log: Log, signals: Sequence[Column], timed: bool
+    names: Sequence[str],
+    log: Log,
+    signals: Sequence[Column],
+    constant: Sequence[Column],
+    timed: bool,
 ) -> Iterator[Suggestion]:
-    """Yield families that have all but one of their roles in the columns, and use all of these."""
+    """Yield families that have all but one of their roles in the columns, and use all of these.
+
+    The one that is lacking may be in a column that is ``constant``.
+    """
     signals = _without_copies(signals)
     for name in names:
         for variant in get_family(name).variants:
@@ -46,13 +53,22 @@ def lacking_one(
             lacking = next(r for k, r in enumerate(required) if k not in rows)
             if lacking.output:
                 continue  # what is fitted has to be recorded
+            columns = {required[i].name: f"#{signals[j].index}" for i, j in zip(rows, chosen)}
+            score = float(scores[rows, chosen].mean())
+            same = [c for c in constant if score_of(log, lacking, c) >= MEASURED]
+            if len(same) == 1:
+                at = f"#{same[0].index}"
+                yield Suggestion(
+                    name, variant.name, {**columns, lacking.name: at}, score,
+                    basis=f"{lacking.name} is the same in every row ({at}): what would show only "
+                    "where it changes cannot be determined.",
+                )  # fmt: skip
+                break
             alone = timely and lacking in variant.driving
             option = f"--step {lacking.name}=FROM:TO" if alone else f"--set {lacking.name}=VALUE"
             how = "stepped" if alone else "was constant"
             yield Suggestion(
-                name, variant.name,
-                {required[i].name: f"#{signals[j].index}" for i, j in zip(rows, chosen)},
-                float(scores[rows, chosen].mean()), asked=(option,),
+                name, variant.name, columns, score, asked=(option,),
                 basis=f"{name} needs {lacking.name} as well: record it, or give {option} where it "
                 f"{how}.",
             )  # fmt: skip
