@@ -20,6 +20,7 @@ from fluidact_fit.comparison import (
 )
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import UsageError
+from fluidact_fit.parameters.draws import with_values
 
 DATA = Path(__file__).parents[1] / "datasets"
 COLUMNS = {"time": "#1", "command": "#2", "outlet": "#3"}
@@ -33,13 +34,6 @@ def fit(log: str) -> Any:
 @pytest.fixture(scope="module")
 def files() -> list[tuple[str, Any]]:
     return [(f"v{k}.yaml", fit(f"trial{k}.csv")) for k in (1, 2)]
-
-
-def with_values(document: Any, values: dict[str, float]) -> Any:
-    """The document with other values, all else the same."""
-    changed = {n: q.model_copy(update={"value": values.get(n, q.value)})
-               for n, q in document.parameters.items()}  # fmt: skip
-    return document.model_copy(update={"parameters": changed})
 
 
 def test_a_difference_is_in_standard_errors_of_the_difference(files: Any) -> None:
@@ -132,6 +126,11 @@ def test_results_models_and_files_are_compared_alike(tmp_path: Path) -> None:
     logs = ff.compare(*data.logs)
     assert isinstance(logs, Recordings)
     assert logs.conclusions[0] in logs.summary()
+
+
+def test_a_list_is_as_good_as_one_by_one() -> None:
+    logs = [DATA / "valve" / f"trial{k}.csv" for k in (1, 2)]
+    assert ff.compare(logs) == ff.compare(*logs)
 
 
 def test_parameters_are_not_compared_with_logs(tmp_path: Path) -> None:

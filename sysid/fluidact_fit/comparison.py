@@ -185,7 +185,7 @@ def compare(
     ----------
     *given
         Parameter files (``.yaml``), results or models; or logs: other files, DataFrames, mappings
-        of header to array, or logs that have been read.
+        of header to array, or logs that have been read; one by one, or a list of them.
     **reading
         How logs are read, as for a fit (:class:`.logs.Reading`).
 
@@ -204,6 +204,8 @@ def compare(
     ParameterFileError, LogError
         When a file cannot be read.
     """
+    if len(given) == 1 and isinstance(given[0], list | tuple):
+        given = tuple(given[0])
     kinds = {_holds_parameters(item) for item in given}
     names = [_name(item, k) for k, item in enumerate(given, 1)]
     if len(kinds) > 1:

@@ -35,7 +35,7 @@ from .logs import (
 )
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
-from .logs.opening import listed_logs
+from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
 from .outcome import Simulation
 from .result import FitResult
@@ -156,7 +156,9 @@ def fit(
         progress=progress or (lambda message: None),
     )
     if controller_sample_time is not None:
+        controller_sample_time = in_seconds("controller_sample_time", controller_sample_time)
         _check_period(controller_sample_time)
+    window, validate_window = window_in_seconds(window), window_in_seconds(validate_window)
     how |= {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
     judged, part = _to_judge(logs, validate, window, validate_window)
     given = _open(  # the logs themselves are not kept

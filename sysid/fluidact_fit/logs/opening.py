@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from ..errors import LogError, UsageError, closest
+from ..units.quantities import in_si
 from .log import Invalid, Log, StepInput
 from .reader import read_log
 from .source import files_of
@@ -98,6 +99,10 @@ def open_logs(
     each = logs if isinstance(logs, Iterator) else listed_logs(logs)
     texts = {name: _texts(how.pop(name, None)) for name in ("exclude", "exclude_rows", "set")}
     said = {name: value for name, value in how.items() if value is not None}
+    if "sample_time" in said:
+        said["sample_time"] = in_seconds("sample_time", said["sample_time"])
+    if "window" in said:
+        said["window"] = window_in_seconds(said["window"])
     _check_kinds(said)
     steps: Mapping[str, StepInput] = said.get("steps", {})
     if not any(texts.values()) and not any(":" in key for key in steps):
@@ -122,6 +127,26 @@ def open_logs(
             own["constants"] = {**said.get("constants", {}), **values}
         opened.append(_opened(log, own, once))
     return opened
+
+
+def in_seconds(name: str, value: Any) -> Any:
+    """A time in seconds: text as ``"10 ms"`` is converted, anything else comes back as it is.
+
+    ``UsageError`` for other text.
+    """
+    try:
+        return in_si(value, "s")
+    except ValueError as error:
+        raise UsageError(
+            f"{name}: {error}.", remedy="Give a number in seconds, or as text with its unit."
+        ) from None
+
+
+def window_in_seconds(window: Any) -> Any:
+    """Both ends of a window in seconds; anything but a pair comes back as it is."""
+    if not isinstance(window, tuple | list):
+        return window
+    return tuple(in_seconds("window", end) for end in window)
 
 
 _BY_ROLE = ("columns", "units", "scales", "steps", "holds", "unwrap", "constants", "from_name")
