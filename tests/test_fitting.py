@@ -124,6 +124,7 @@ def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
         ({"fixed": {"gain": None}}, "is not a number"),
         ({"start": {"gian": "1 bar"}}, "there is no such single-valued parameter"),
         ({"bounds": {"gain": (3.0, 2.0)}}, "3 is not below 2"),
+        ({"bounds": {"gian": ("1 bar", "2 bar")}}, "there is no such single-valued parameter"),
         ({"seed": -1}, "seed=-1 is not a whole number from 0"),
         ({"seed": "one"}, "seed='one' is not a whole number from 0"),
     ],

@@ -41,7 +41,7 @@ from .outcome import Simulation
 from .result import FitResult
 from .specification import ParameterSpec, Role
 from .units import after_number
-from .units.quantities import in_si, plausible
+from .units.quantities import NumberWithUnit, in_si, parse_quantity, plausible
 
 _MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 200 bytes of each
 _AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
@@ -284,10 +284,11 @@ def _numbers(
 
 def _number(what: str, value: float | str, units: Sequence[str]) -> float:
     """A finite number in SI; ``UsageError`` for anything else."""
-    if isinstance(value, str) and not units:
-        return 0.0  # there is no such name, which is refused with those that there are
     try:
-        return plausible(float(in_si(value, *units)))
+        quantity = parse_quantity(value) if isinstance(value, str) else value
+        if isinstance(quantity, NumberWithUnit) and not units:
+            quantity = quantity.number  # of a name that does not exist: the family refuses it
+        return plausible(float(in_si(quantity, *units)))
     except (TypeError, ValueError) as error:
         why = f": {error}" if isinstance(value, str) else " is not a number"
         if isinstance(value, float | int):
