@@ -132,7 +132,7 @@ def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
 
     what, remedy = "these logs can be read in more than one way.", "Run the intended command."
     if able[0].options:
-        what = f"{able[0].reason} Nothing is left out unasked."
+        what = f"{able[0].reason} No row is dropped unless you ask for it."
     elif able[0].basis:
         what = able[0].basis
     elif len(able) == 1 and not able[0].unsure:

@@ -52,7 +52,7 @@ def _try_fit(
         unsaid = not s.options and all(log.invalid is None for log in logs)
         if "--invalid=drop" in error.remedy and unsaid:
             tried = _try_fit(replace(s, options=_DROP), logs, progress)
-            left_out = f"{error.where}: {error.what} The command leaves such rows out."
+            left_out = f"{error.where}: {error.what} The suggested command drops such rows."
             return replace(tried, reason=f"{left_out} {tried.reason}".strip())
         return replace(s, reason=_one_line(error), asked=tuple(_OPTION.findall(error.remedy)))
     free = [q for q in result.parameters.values() if q.status == "estimated"]

@@ -41,8 +41,8 @@ def lacking_one(
     signals = _without_copies(signals)
     for name in names:
         for variant in get_family(name).variants:
-            required, timely = required_roles(variant), needs_time(variant)
-            if len(required) != len(signals) + 1 or not signals or (timely and not timed):
+            required, uses_time = required_roles(variant), needs_time(variant)
+            if len(required) != len(signals) + 1 or not signals or (uses_time and not timed):
                 continue
             if roles_of_others(log, variant):
                 continue
@@ -64,7 +64,7 @@ def lacking_one(
                     "where it changes cannot be determined.",
                 )  # fmt: skip
                 break
-            alone = timely and lacking in variant.driving
+            alone = uses_time and lacking in variant.driving
             option = f"--step {lacking.name}=FROM:TO" if alone else f"--set {lacking.name}=VALUE"
             how = "stepped" if alone else "was constant"
             yield Suggestion(
@@ -89,15 +89,15 @@ def assigned_by_order(
     basis += "" if first is None else f"; #{pair[0].index} leads #{pair[1].index} and may drive it"
     for name in names:
         for variant in get_family(name).variants[:1]:
-            required, timely = required_roles(variant), needs_time(variant)
+            required, uses_time = required_roles(variant), needs_time(variant)
             plain = all("1" in (r.unit, *r.alternatives) for r in required[:-1])
-            if len(required) != 2 or timely is (first is None) or not plain:
+            if len(required) != 2 or uses_time is (first is None) or not plain:
                 continue
             yield Suggestion(
                 name, variant.name, {r.name: f"#{c.index}" for r, c in zip(required, pair)}, 0.0,
                 basis=f"{basis}.",
                 unsure=((required[0].name, required[1].name),) if first is None else (),
-                asked=("--sample-time SECONDS",) if timely and not timed else (),
+                asked=("--sample-time SECONDS",) if uses_time and not timed else (),
             )  # fmt: skip
 
 
