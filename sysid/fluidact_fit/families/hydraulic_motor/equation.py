@@ -37,7 +37,7 @@ from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
 from ...estimation.recursion import behind_play
-from ...estimation.response import Beginning
+from ...estimation.response_model import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 
 ANY = Beginning()

@@ -13,7 +13,8 @@ from ...estimation.discrete import discretise
 from ...estimation.named_model import NamedModel, Values, check_request
 from ...estimation.noise import white_noise
 from ...estimation.parametric import Fitted
-from ...estimation.response import Beginning, Plan, ResponseFit, ResponseModel, fit_robustly
+from ...estimation.response_model import Beginning, Plan, ResponseModel, ResponseTask
+from ...estimation.robust_weights import fit_robustly
 from ...estimation.unmodelled_effects import output_offset, soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
@@ -176,8 +177,8 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         _check_dead_time(experiments, request)
         plain = plan_motor(experiments, request, saturated=False)
         found, bend = fit_motor(
-            ResponseFit.of(self, variant, experiments, request),
-            ResponseFit.of(self, variant, experiments, request, plain),
+            ResponseTask.of(self, variant, experiments, request),
+            ResponseTask.of(self, variant, experiments, request, plain),
         )
         fitted = found.fitted
         notices = list(_warn_of_noise(fitted, experiments))
@@ -218,10 +219,10 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         return 1.0 / float(values["time_constant"])
 
     def starts(
-        self, fit: ResponseFit[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
+        self, task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
     ) -> list[dict[str, float]]:
         """Return starts; see :func:`.fit.start_motor`."""
-        return start_motor(fit, experiments, begin)
+        return start_motor(task, experiments, begin)
 
     def simulate(
         self,

@@ -10,7 +10,14 @@ import numpy as np
 
 from ...errors import LogError, NotIdentifiedError
 from ...estimation.named_model import bind
-from ...estimation.response import Beginning, Plan, Response, ResponseFit, ResponseOptions, Searched
+from ...estimation.response import Response, fit_response
+from ...estimation.response_model import (
+    Beginning,
+    Plan,
+    ResponseOptions,
+    ResponseTask,
+    Searched,
+)
 from ...estimation.results import Refusal, Solved
 from ...estimation.separable import profile, solve
 from ...experiment import Experiment
@@ -163,18 +170,18 @@ def plan_motor(
 
 
 def start_motor(
-    fit: ResponseFit[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
+    task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
 ) -> list[dict[str, float]]:
     """Best of a grid of lags for a typical curve, then of grids of curves behind that lag.
 
     The gain is linear: at any other values it follows without a search.
     """
-    problem, unknowns = fit.problem(experiments, begin), fit.unknowns
+    problem, unknowns = task.problem(experiments, begin), task.unknowns
     free = [u.name for u in problem.nonlinear]
     top = 1.0 / unknowns["curvature"].scale
     size = {"curvature": 1.0 / top, EDGES[0]: -top}
     values = {n: shares[0] * size.get(n, top) for n, shares in SHARES.items()}
-    middle = middle_of_commands(fit.experiments, fit.request)
+    middle = middle_of_commands(task.experiments, task.request)
     middles = (middle + top * np.array(MIDDLES)).tolist() if OFFSET in free else [middle]
     step, late = unknowns["dead_time"].scale, unknowns["dead_time"].high
     lags = np.unique([0.5 * step, *np.geomspace(min(2.0 * step, late), late, 8)])
@@ -183,12 +190,12 @@ def start_motor(
     def rank(**wanted: Sequence[float]) -> list[dict[str, float]]:
         grid = {n: points for n, points in wanted.items() if n in free}
         every = [{**values, **dict(zip(grid, point))} for point in product(*grid.values())]
-        every = [{**v, **fit.request.start} for v in every]
+        every = [{**v, **task.request.start} for v in every]
         cost = profile(problem, np.array([[v[n] for n in free] for v in every]))
         return [every[k] for k in np.argsort(cost, kind="stable")]
 
-    values = {**values, **fit.held, "time_constant": slow[0], "dead_time": lags[0]}
-    values |= {OFFSET: middle} if OFFSET in fit.plan.names else {}
+    values = {**values, **task.held, "time_constant": slow[0], "dead_time": lags[0]}
+    values |= {OFFSET: middle} if OFFSET in task.plan.names else {}
     values = rank(time_constant=slow.tolist(), dead_time=lags.tolist(), **{OFFSET: middles})[0]
     curves = {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items()}
     if SATURATION not in free:
@@ -199,7 +206,7 @@ def start_motor(
 
 
 def fit_motor(
-    fit: ResponseFit[MotorOptions], without: ResponseFit[MotorOptions]
+    task: ResponseTask[MotorOptions], without: ResponseTask[MotorOptions]
 ) -> tuple[Response[MotorOptions], dict[str, float]]:
     """Fit with a saturation where the speeds show one, else ``without``.
 
@@ -212,16 +219,16 @@ def fit_motor(
     The fit, and values with a saturation that the logs neither show nor rule out, where it would
     move others by a good part of their errors; empty where there is none.
     """
-    found = _saturated(fit)
+    found = _saturated(task)
     if found is not None:
         return found, {}
-    found = without.run()
-    if SATURATION in fit.request.start:
+    found = fit_response(without)
+    if SATURATION in task.request.start:
         return found, {}
-    bend, rise = _find_bend(fit, found)
+    bend, rise = _find_bend(task, found)
     if rise > SIGNIFICANT:
-        start = {n: bend[n] for n in fit.plan.names}
-        again = _saturated(replace(fit, request=replace(fit.request, start=start)))
+        start = {n: bend[n] for n in task.plan.names}
+        again = _saturated(replace(task, request=replace(task.request, start=start)))
         if again is not None:
             return again, {}
     f = found.fitted
@@ -230,16 +237,16 @@ def fit_motor(
     return found, bend if rise > _POSSIBLE and rise * moved > _MATTERS else {}
 
 
-def _saturated(fit: ResponseFit[MotorOptions]) -> Response[MotorOptions] | None:
+def _saturated(task: ResponseTask[MotorOptions]) -> Response[MotorOptions] | None:
     """The fit with a saturation, ``None`` where the logs do not show it."""
-    given = SATURATION in fit.request.fixed
+    given = SATURATION in task.request.fixed
     try:
-        found = fit.run()
+        found = fit_response(task)
     except NotIdentifiedError:
         if given:
             raise
         return None
-    return found if given or is_reached(fit.experiments, found.fitted) else None
+    return found if given or is_reached(task.experiments, found.fitted) else None
 
 
 def is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
@@ -253,17 +260,17 @@ def is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
 
 
 def _find_bend(
-    fit: ResponseFit[MotorOptions], without: Response[MotorOptions]
+    task: ResponseTask[MotorOptions], without: Response[MotorOptions]
 ) -> tuple[dict[str, float], float]:
     """Best of some saturations, and how much the residuals fall with it, in variances."""
     fitted = without.fitted
-    top = highest_command(fit.experiments, fitted.values.get(OFFSET, 0.0))
-    model = replace(fit.named(fit.experiments, without.begin), weights=without.model.weights)
+    top = highest_command(task.experiments, fitted.values.get(OFFSET, 0.0))
+    model = replace(task.named(task.experiments, without.begin), weights=without.model.weights)
     refused = {n: fitted.values[n] for n in fitted.refused}
     found, best = dict(fitted.values), fitted.solution.cost
     for share in _BENDS:
-        held = {**fit.held, **refused, SATURATION: share * top}
-        problem = bind(model, fit.unknowns, held)
+        held = {**task.held, **refused, SATURATION: share * top}
+        problem = bind(model, task.unknowns, held)
         names = [u.name for u in problem.nonlinear]
         solution = solve(problem, np.array([fitted.values[n] for n in names]))
         if solution.cost < best:

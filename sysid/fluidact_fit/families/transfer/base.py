@@ -19,7 +19,13 @@ from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.parametric import Fitted
-from ...estimation.response import Beginning, ResponseFit, ResponseModel, ResponseOptions
+from ...estimation.response import fit_response
+from ...estimation.response_model import (
+    Beginning,
+    ResponseModel,
+    ResponseOptions,
+    ResponseTask,
+)
 from ...estimation.unmodelled_effects import initial_states, output_offset, soft_edges
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
@@ -96,7 +102,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
     ) -> Solution[T]:
         """Output-error fit from several starts; see :meth:`Family.estimate`."""
-        found = ResponseFit.of(self, variant, experiments, request).run()
+        found = fit_response(ResponseTask.of(self, variant, experiments, request))
         derived, said = self.derive(found.fitted, request.options)
         return found.solution(
             self.simulate, experiments, variant, found.settled(request.options), derived, said

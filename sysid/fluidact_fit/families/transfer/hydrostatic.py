@@ -27,7 +27,7 @@ from ...errors import LogError, Notice
 from ...estimation.named_model import Values, bind
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
-from ...estimation.response import Beginning, Plan, ResponseFit, ResponseOptions, Searched
+from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
@@ -222,7 +222,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
 
     def starts(
         self,
-        fit: ResponseFit[HydrostaticOptions],
+        task: ResponseTask[HydrostaticOptions],
         experiments: Sequence[Experiment],
         begin: Beginning,
     ) -> list[dict[str, float]]:
@@ -232,7 +232,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             return {**values, "damping": 1.0}
 
         step, _ = time_scales(experiments)
-        used = [n for n in fit.plan.names if n != "damping"]
+        used = [n for n in task.plan.names if n != "damping"]
         model = TransferModel(
             experiments, "force", "position", lambda v: self.realise(per_damping(v)),
             lambda v: self.beginnings(per_damping(v)), begin, gain="mobility", dead_zone=True,
@@ -240,10 +240,10 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         free = {n: Unknown(n) for n in used}
         free["mobility"] = Unknown("mobility", 1e-300)
         problem = bind(model.named(used), free, {})
-        axes = {s.name: s.axis for s in fit.plan.searched}
+        axes = {s.name: s.axis for s in task.plan.searched}
         out = []
         for found in grid_search(
-            problem, axes, lambda at: dead_time_axis(step, 8.0 * step, fit.plan.lag(at))
+            problem, axes, lambda at: dead_time_axis(step, 8.0 * step, task.plan.lag(at))
         ):
             eta = np.array([found[n] for n in used])
             damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)

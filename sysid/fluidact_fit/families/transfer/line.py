@@ -29,7 +29,7 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
-from ...estimation.response import Plan, ResponseOptions, Searched
+from ...estimation.response_model import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray

@@ -19,7 +19,7 @@ from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis, real_if_real
-from ...estimation.response import Beginning
+from ...estimation.response_model import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
 from ...rows import blocks, is_repeated, repeated, side_by_side

@@ -22,7 +22,7 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
-from ...estimation.response import Plan, ResponseOptions, Searched
+from ...estimation.response_model import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Structure, Variant

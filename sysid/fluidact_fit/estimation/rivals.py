@@ -1,0 +1,131 @@
+"""Rivals of a fit: other values, far from the best, that explain the logs as well.
+
+See ``docs/theory/responses.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..experiment import FloatArray
+from ..units import after_number
+from .named_model import NamedModel, bind
+from .parametric import DECIDED, DECISIVE, Fitted, information_units
+from .problem import Problem, StationaryPoint
+from .response_model import ResponseTask, T, vector
+from .results import refuse
+from .separable import evaluate, profile
+from .starts import time_scales
+from .uncertainty import t_quantile
+
+Correct = Callable[[Fitted], Fitted] | None
+
+_OTHER = 4.0  # standard errors by which a value is another one
+_FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
+_SIMILAR = 0.1  # of a value: two optima as near as that are one wide interval
+_BLOCKS = 30  # of consecutive samples, whose costs show how sure the difference of two fits is
+
+
+def judge_rivals(
+    task: ResponseTask[T], end: Fitted, fitted: Fitted, model: NamedModel,
+    places: Sequence[Mapping[str, float]], part: NamedModel | None, correct: Correct,
+) -> Fitted:  # fmt: skip
+    """Refuse what has two values, far apart, that the data cannot tell from each other.
+
+    Two that are near each other make one wide interval. ``places`` are where a rough search
+    ended. A closer one may slide from there, along a valley that hardly falls, to the best:
+    what they cost tells whether it does. Those that are out of the question on ``part`` of
+    long logs need no look at the others. Nor do those that are the same end: noise of an input
+    that is averaged between samples makes a dead time of half a sample look better, until it
+    is allowed for.
+
+    Raises
+    ------
+    NotIdentifiedError
+        Naming both, and how much faster sampling has to be.
+    """
+    best = fitted.search.best
+    names = [n for n in fitted.names if n in fitted.unknowns][: best.eta.size]
+    unit = np.nanmedian(information_units(fitted.solution, fitted.covariance))
+    held = {n: v for n, v in fitted.values.items() if n in task.unknowns and n not in names}
+    problem = bind(model, task.unknowns, held)
+    errors = np.array([fitted.std_error(n) for n in names])
+    points = [vector(problem, {**p, **held}) for p in places]
+    far = [eta for eta in points if np.any(np.abs(eta - best.eta) > _OTHER * errors)]
+    if part is not None and far:
+        some = bind(part.scaled(fitted.factors), task.unknowns, held)
+        least, *others = profile(some, np.array([best.eta, *far]))
+        far = [eta for eta, cost in zip(far, others) if cost - least < DECIDED * unit]
+    rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
+    for eta, cost in [*rivals, *zip(far, profile(problem, np.array(far)))]:
+        if cost - best.cost >= DECISIVE * unit or _is_surely_worse(problem, eta, best):
+            continue
+        change = eta - best.eta
+        apart = [k for k in range(len(names)) if abs(change[k]) > _OTHER * errors[k]]
+        if not apart or _leads_to(end, fitted, correct, dict(zip(names, eta))):
+            continue
+        if all(abs(change[k]) <= _SIMILAR * abs(best.eta[k]) for k in apart):
+            end = _widened(end, dict(zip(names, change.tolist())))
+            continue
+        _refuse(task, fitted, apart, dict(zip(names, eta)))
+    return end
+
+
+def _refuse(
+    task: ResponseTask[T], fitted: Fitted, apart: list[int], rival: Mapping[str, float]
+) -> None:
+    """Refuse one of the values that two fits which explain the logs alike do not share."""
+    names = list(rival)
+    # a value to fall back on is none where the data allow two others
+    apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
+    name = names[apart[0]]
+    spec, step = fitted.specs[name], time_scales(task.experiments)[0]
+    fast = step * max(task.model.fastest({**fitted.values, **at}) for at in (fitted.values, rival))
+    reason = (
+        f"{fitted.values[name]:.3g} and {rival[name]:.3g}{after_number(spec.unit)} explain "
+        "these samples equally well"
+    )
+    if fast > _FAST:
+        reason += (
+            ", because the output has answered before the next sample is taken. Sample at "
+            f"least {max(2, int(np.ceil(fast / _FAST)))} times faster"
+        )
+    refuse(replace(spec, neutral=None), f"{reason}.")
+
+
+def _is_surely_worse(problem: Problem, eta: FloatArray, best: StationaryPoint) -> bool:
+    """Return whether the squares of the residuals at ``eta`` are larger all along the logs.
+
+    That tells two fits apart whatever the residuals are, noise or what both models lack, where
+    their costs alone would have to be compared with noise that is white [1]_.
+
+    References
+    ----------
+    .. [1] Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses",
+       Econometrica 57, 1989.
+    """
+    other = evaluate(problem, eta).residuals
+    worse = np.concatenate([np.square(a) - np.square(b) for a, b in zip(other, best.residuals)])
+    sums = np.array([float(x.sum()) for x in np.array_split(worse, _BLOCKS)])
+    error = float(sums.std(ddof=1)) / np.sqrt(_BLOCKS)
+    return bool(sums.mean() > t_quantile(0.999, _BLOCKS - 1) * error)
+
+
+def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
+    """The fit with errors that hold whatever lies within a change of its values, both ways."""
+    d = np.array([change.get(n, 0.0) for n in fitted.names])
+    intervals = {n: x for n, x in fitted.intervals.items() if n not in change}
+    return replace(fitted, covariance=fitted.covariance + np.outer(d, d) / 3.0, intervals=intervals)
+
+
+def _leads_to(end: Fitted, plain: Fitted, correct: Correct, rival: Mapping[str, float]) -> bool:
+    """Return whether a rival of a plain fit comes to the same end once noise is allowed for."""
+    if correct is None:
+        return False
+    other = correct(replace(plain, values={**plain.values, **rival}))
+    return end.names == other.names and all(
+        abs(end.values[n] - other.values[n]) <= end.std_error(n) for n in end.names
+    )

@@ -1,0 +1,35 @@
+"""Samples far off count less: Huber's weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..experiment import FloatArray
+
+_HUBER = 4.0  # robust standard deviations from which a residual counts less
+_ROUNDS = 6  # of reweighting
+
+
+def huber_weights(
+    rest: Sequence[FloatArray], limit: float | None
+) -> tuple[list[FloatArray], float]:
+    """Roots of Huber's weights, ``(n_i,)``, and the residual from which a sample counts less.
+
+    ``rest`` is what a model leaves, ``(n_i,)`` each; without a ``limit`` it follows from that.
+    """
+    if limit is None:
+        limit = _HUBER * 1.4826 * float(np.median(np.abs(np.concatenate(rest))))
+    return [np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))) for r in rest], limit
+
+
+def fit_robustly(columns: FloatArray, values: FloatArray, limit: float | None) -> FloatArray:
+    """Least squares ``(q,)`` in which residuals beyond ``limit`` count less; all alike if None."""
+    weights = np.ones(values.size)
+    for _ in range(_ROUNDS):
+        found = np.linalg.lstsq(columns * weights[:, None], values * weights, rcond=None)[0]
+        if limit is None:
+            break
+        (weights,), _ = huber_weights([values - columns @ found], limit)
+    return np.asarray(found)

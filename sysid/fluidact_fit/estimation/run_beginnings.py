@@ -1,0 +1,234 @@
+"""What the runs of a response begin with: rest or any state, an unrecorded input, an offset.
+
+See ``docs/theory/responses.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import Notice
+from ..experiment import Experiment, FloatArray, Signal
+from ..units import after_number
+from .named_model import NamedModel, bind
+from .noise import noise_floor
+from .parametric import Fitted
+from .problem import Basis
+from .response_model import Beginning, ResponseTask, T, are_short, vector
+from .separable import solve, solve_from
+from .starts import time_scales
+from .uncertainty import middle_of
+
+_RESTING = 8  # first samples of an input that is taken to have been at rest before
+_FEW_STEPS = 3.0  # sample times of a dead time that leaves no more than as many samples undescribed
+_AT_REST = 0.1  # of the usual change of an input from one sample to the next
+_LONG_ENOUGH = 1000  # samples that show what is usual
+_LATER = 0.25  # of the longest log, the start of which a search leaves out
+_SURE = 4.0  # standard errors of a level at rest
+_EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without offset is sought
+
+
+def choose_beginning(task: ResponseTask[T], few: Sequence[Experiment]) -> Beginning:
+    """Return the user's start of the runs, and otherwise that of the excerpt."""
+    options = task.request.options
+    begin = options.beginning
+    if options.offset != "none" and options.offset_of is None:
+        begin = replace(begin, offset=task.owner)
+    if options.start_state is None:
+        rest = _are_stepped(task.experiments) or _starts_at_rest(task, few, begin)
+        begin = replace(begin, rest=rest)
+    return begin
+
+
+def _starts_at_rest(task: ResponseTask[T], few: Sequence[Experiment], begin: Beginning) -> bool:
+    """Return whether short runs are taken to start at rest.
+
+    In a long run the initial state costs nothing and is always free. In a run of ten
+    samples that begins with the step, a free initial state explains the whole response;
+    it is then freed only when the Bayes criterion asks for it.
+    """
+    role = task.variant.driving[0].name
+    if not are_short(few) or not all(_may_rest(e.signals[role]) for e in few):
+        return False
+    scores = []
+    for rest in (True, False):
+        own = replace(begin, rest=rest)
+        problem = task.problem(few, own)
+        search = task.search(problem, task.starts(few, own))
+        count = sum(search.best.local_counts) + len(problem.nonlinear)
+        rows = problem.rows
+        scores.append(rows * np.log(max(search.best.cost, 1e-300)) + count * np.log(rows))
+    return bool(scores[0] <= scores[1])
+
+
+def unrecorded_time(
+    task: ResponseTask[T],
+    experiments: Sequence[Experiment],
+    begin: Beginning,
+    values: Mapping[str, float],
+) -> float:
+    """Duration of the response to an input before the runs [s]; 0 where it is at rest.
+
+    For as long as the dead time the output of a run follows an input that was not recorded.
+    No initial state can stand for that: where anything moves meanwhile, the fit has to leave
+    it out, and somewhat more than the dead time, which is not known exactly.
+    """
+    dead_time, step = values.get("dead_time", 0.0), time_scales(experiments)[0]
+    given = task.request.options.unrecorded
+    if given is not None or begin.rest or dead_time < max(_FEW_STEPS * step, begin.unrecorded):
+        return begin.unrecorded
+    role = task.variant.driving[0].name
+    quiet = all(
+        e.signals[role].time.size == 1
+        or (_is_quiet(e[task.output], int(np.sum(e.time - e.time[0] < dead_time)))
+            and _is_quiet(e[role], _RESTING))
+        for e in experiments
+    )  # fmt: skip
+    return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
+
+
+def search_later(
+    task: ResponseTask[T], few: Sequence[Experiment], begin: Beginning
+) -> list[dict[str, float]]:
+    """End of a search that leaves out what a long dead time cannot describe.
+
+    The samples within it would speak against the very dead time that they answer to.
+    """
+    late = "dead_time" in task.plan.names and "dead_time" not in task.held
+    if not late or begin.rest or task.request.options.unrecorded is not None:
+        return []
+    begin = replace(begin, unrecorded=_LATER * time_scales(few)[1])
+    problem = task.problem(few, begin)
+    found = task.search(problem, task.starts(few, begin))
+    return [task.values(problem, s.eta) for s in (found.best, *found.rivals)]
+
+
+def cut_unrecorded(
+    task: ResponseTask[T],
+    few: Sequence[Experiment],
+    begin: Beginning,
+    places: list[dict[str, float]],
+) -> tuple[Beginning, list[dict[str, float]]]:
+    """Order places by how well they describe the excerpt, each without what it cannot.
+
+    A long dead time leaves few samples to be described. Those that it leaves out count with
+    the variance of the output, so that costs of different samples can be compared.
+    """
+    begins = [replace(begin, unrecorded=unrecorded_time(task, few, begin, p)) for p in places]
+    if all(b == begin for b in begins):
+        return begin, places
+    rows = sum(e[task.output].size for e in few)
+    power = output_power(few, task.output) / rows
+    found = []
+    for place, own in zip(places, begins):
+        problem = task.problem(few, own)
+        best = solve(problem, vector(problem, place), tolerance=1e-2)
+        left = rows - problem.rows
+        length = problem.rows * np.log(best.cost / problem.rows) + left * np.log(power)
+        found.append((length, own, task.values(problem, best.eta)))
+    found.sort(key=lambda x: x[0])
+    begin = found[0][1]
+    return begin, [p for _, own, p in found if own.unrecorded <= begin.unrecorded]
+
+
+def examine_offset(
+    task: ResponseTask[T], fitted: Fitted, model: NamedModel, begin: Beginning
+) -> tuple[Beginning, dict[str, float], list[Notice]]:
+    """Compare the fit with one without its offset, or with one where it has none.
+
+    Runs at rest show their offset before they respond. Where it contradicts that of the fit,
+    which then stands for what the model lacks, there is none, unless the user says so.
+
+    Returns
+    -------
+    What to begin with, the values of that fit, and a warning where the choice matters.
+    """
+    if not task.model.gain or not begin.rest:
+        return begin, dict(fitted.values), []
+    other = replace(begin, offset=task.owner if begin.offset == "none" else "none")
+    held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
+    problem = bind(task.named(task.experiments, other), task.unknowns, held)
+    late = fitted.values.get("dead_time", 0.0)  # between samples the cost has a valley each
+    starts = [{**fitted.values, "dead_time": share * late} for share in _EARLIER]
+    found = solve_from(problem, [vector(problem, x) for x in starts], tolerance=1e-3).best
+    names = [u.name for u in (*problem.nonlinear, *problem.linear) if u.name in fitted.names]
+    values = dict(zip(names, (*found.eta.tolist(), *found.linear.tolist())))
+    moved = [n for n in names if abs(values[n] - fitted.values[n]) > fitted.half_width(n)]
+    quiet = [_before_response(model.columns(k, fitted.values)) & _before_response(
+             model.columns(k, {**fitted.values, **values}))
+             for k in range(len(task.experiments))]  # fmt: skip
+    now, error = _level(fitted.solution.residuals, quiet)
+    then, its = _level(found.residuals, quiet)
+    if not moved or not np.isfinite(error) or abs(then) > max(_SURE * its, abs(now)):
+        return begin, dict(fitted.values), []
+    better = abs(now) > _SURE * error and abs(then) < 0.5 * abs(now)
+    switched = task.request.options.offset is None and other.offset == "none" and better
+    most = max(moved, key=lambda n: abs(values[n] - fitted.values[n]) / fitted.half_width(n))
+    unit = after_number(fitted.specs[most].unit)
+    with_it, without = values[most], fitted.values[most]
+    if other.offset == "none":
+        with_it, without = without, with_it
+    notice = Notice(
+        "offset-matters",
+        f"{most} is {with_it:.3g}{unit} with an offset of the output and {without:.3g} without "
+        "one, further apart than its interval. What the runs show before they respond "
+        f"{'speaks against' if better else 'does not exclude'} the other: check the zero of "
+        "the sensors, and choose with --offset none or --offset free.",
+    )
+    return (other, {**fitted.values, **values}, [notice]) if switched else (
+        begin, dict(fitted.values), [notice])  # fmt: skip
+
+
+def output_power(experiments: Sequence[Experiment], output: str) -> float:
+    """Sum of squares of the outputs about the mean of every run [square of the unit]."""
+    return float(sum(e[output].size * np.var(e[output]) for e in experiments))
+
+
+def _before_response(basis: Basis) -> npt.NDArray[np.bool_]:
+    """Mask of the samples of a run at rest before its response, shape ``(n,)``."""
+    return np.cumsum(np.abs(np.diff(basis.shared[:, 0], prepend=basis.shared[0, 0]))) == 0.0
+
+
+def _level(
+    residuals: Sequence[FloatArray], where: Sequence[npt.NDArray[np.bool_]]
+) -> tuple[float, float]:
+    """Mean of some residuals and its standard error, infinite of fewer than three."""
+    values = np.concatenate([r[k] for r, k in zip(residuals, where, strict=True)])
+    if values.size < 3:
+        return 0.0, np.inf
+    return float(values.mean()), float(values.std(ddof=1)) / np.sqrt(values.size)
+
+
+def _is_quiet(values: FloatArray, count: int) -> bool:
+    """Return whether the first ``count`` values show only noise; fewer than three count as quiet.
+
+    They must neither scatter more than the noise nor lie on a slope.
+    """
+    early = values[:count]
+    if early.size < 3:
+        return True
+    noise = noise_floor(values[middle_of(values.size)], 4)
+    t = np.linspace(-1.0, 1.0, early.size)
+    slope = float(t @ early) / np.sqrt(float(t @ t))
+    allowed = 1.0 + 6.0 * np.sqrt(2.0 / early.size)
+    return bool(np.var(early) <= noise**2 * allowed and abs(slope) <= 3.0 * noise)
+
+
+def _may_rest(signal: Signal) -> bool:
+    """True if an input may have been at rest before its first sample: it does not move there yet.
+
+    One that is held may have stepped at any of its samples.
+    """
+    change = np.abs(np.diff(signal.values[:_LONG_ENOUGH]))
+    if signal.hold == "zoh" or change.size < 2:
+        return True
+    return bool(change[0] <= _AT_REST * np.median(change) + 3.0 * noise_floor(signal.values, 4))
+
+
+def _are_stepped(experiments: Sequence[Experiment]) -> bool:
+    """True if the input of every run is a step that was not recorded: it was at rest before."""
+    return all(any(s.time.size == 1 for s in e.signals.values()) for e in experiments)
