@@ -229,6 +229,21 @@ def test_a_loaded_file_computes_what_its_routines_and_its_inverse_say(
     assert np.std(rest) < 1.1 * NOISE["angle" if name == "angle" else "speed"]
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_a_file_is_simulated_from_commands_alone(name: str, files: Mapping[str, Path]) -> None:
+    data, options = CASES[name]
+    model, units = ff.load(files[name]), options.get("units", {})
+    (whole,) = model.simulate(data, units=units)
+    inputs = {n: x for n, x in data.items() if n in ("time", "command")}
+    (alone,) = model.simulate(inputs, units=units)
+    assert np.isnan(alone.measured).all()
+    late = slice(0 if name == "points" else 100, None)  # the log may begin in motion
+    level = 0.0 if name == "points" else float(np.mean((whole.simulated - alone.simulated)[late]))
+    # of an angle the level is where the log began
+    away = (alone.simulated + level - whole.simulated)[late]
+    assert np.std(away) < 1e-6 * np.ptp(whole.simulated)
+
+
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 @pytest.mark.parametrize("name", CASES)
 def test_exported_code_passes_its_own_test(

@@ -39,6 +39,8 @@ class TermRegression:
         Changes of the parameters per unit of a size that is given, shape ``(p,)``.
     distinct
         Whether the parameters cannot stand for the column.
+    degrees
+        Degrees of freedom of the error.
     """
 
     shifts: FloatArray
@@ -46,6 +48,7 @@ class TermRegression:
     error: float
     along: FloatArray
     distinct: bool
+    degrees: int
 
 
 class NoiseTreatment(Protocol):
@@ -76,10 +79,11 @@ def solve_triangle(triangle: FloatArray, rows: int) -> TermRegression | None:
     own, whole = abs(float(columns[last, last])), float(np.linalg.norm(columns[:, last]))
     x = scaled_least_squares(columns, target)
     left = float(np.linalg.norm(target - columns @ x))
-    error = left / np.sqrt(max(rows - columns.shape[1], 1)) / own if own else np.inf
+    degrees = max(rows - columns.shape[1], 1)
+    error = left / np.sqrt(degrees) / own if own else np.inf
     along = -scaled_least_squares(columns[:last, :-1], columns[:last, last])
     distinct = bool(own) and own >= policy.DIRECTION_LEFT * whole
-    return TermRegression(x[:-1], float(x[-1]), error, along, distinct)
+    return TermRegression(x[:-1], float(x[-1]), error, along, distinct, degrees)
 
 
 @dataclass(frozen=True)
@@ -238,7 +242,8 @@ class Instrumented:
         error = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
         along = -scaled_least_squares(projected[:, :-1], design[:, -1])
         distinct = own >= policy.DIRECTION_LEFT * whole > 0.0
-        return TermRegression(x[:-1], float(x[-1]), error, along, distinct)
+        degrees = max(design.shape[0] - design.shape[1], 1)
+        return TermRegression(x[:-1], float(x[-1]), error, along, distinct, degrees)
 
 
 def _with_columns(

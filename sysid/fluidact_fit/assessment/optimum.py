@@ -123,10 +123,10 @@ class Optimum:
 
     @property
     def driving(self) -> list[str]:
-        """Roles that drive the model and change with time in every run."""
+        """Roles that drive the model and change in every run: no single steps."""
         runs = [e.signals for e in self.experiments]
         return [r.name for r in self.variant.driving
-                if all(r.name in s and s[r.name].time.size > 1 for s in runs)]  # fmt: skip
+                if all(r.name in s and s[r.name].values.size > 1 for s in runs)]  # fmt: skip
 
     def signal(self, role: str) -> Signal:
         """A role as the first log that has it records it: its units are those of the fit."""

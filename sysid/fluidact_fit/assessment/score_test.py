@@ -101,17 +101,19 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
     found = at.regress(term.columns, term.instruments)
     if found is None or not found.distinct:
         return None
-    plain = _score(at, term, found.shifts, found.size, found.error)
-    return _beside_converter(at, term, plain)
+    plain = _score(at, term, found.shifts, found.size, found.error, found.degrees)
+    return _beside_converter(at, term, plain, found.degrees)
 
 
-def _score(at: Optimum, term: Term, shifts: FloatArray, size: float, error: float) -> Score:
+def _score(
+    at: Optimum, term: Term, shifts: FloatArray, size: float, error: float, degrees: int
+) -> Score:
     errors = shifts / at.errors
     values = np.abs([at.number(n) for n in at.names])
     shares = np.full(values.size, np.inf)  # whatever is added to zero
     np.divide(np.abs(shifts), values, out=shares, where=values > np.finfo(float).tiny)
     worst = int(np.argmax(np.abs(errors)))
-    deviations = _as_one(size / max(error, 1e-300), term.chosen)
+    deviations = _as_normal(size / max(error, 1e-300), term.chosen, degrees)
     shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
@@ -130,16 +132,32 @@ def _needed_move(term: Term, deviations: float) -> float:
     return policy.TERM_MOVES_ONE_SIDED if seen else policy.TERM_MOVES
 
 
-def _as_one(deviations: float, chosen: int) -> float:
-    """Standard errors of one direction that are as rare as these of the best of several."""
+def _as_normal(deviations: float, chosen: int, degrees: int) -> float:
+    """Standard errors of one known direction that are as rare, were their size known exactly.
+
+    These are the best of so many directions, in errors of so many ``degrees`` of freedom:
+    Student's t by Wallace [1]_, Fisher's F by Paulson [2]_.
+
+    References
+    ----------
+    .. [1] D. L. Wallace, "Bounds on normal approximations to Student's and the chi-square
+       distributions", Annals of Mathematical Statistics 30, 1959.
+    .. [2] E. Paulson, "An approximate normalization of the analysis of variance distribution",
+       Annals of Mathematical Statistics 13, 1942.
+    """
     if chosen == 1:
-        return deviations
-    spread = 2.0 / (9.0 * chosen)
-    cube = np.cbrt(deviations**2 / chosen)
-    return float(np.copysign(max((cube - 1.0 + spread) / np.sqrt(spread), 0.0), deviations))
+        size = (1.0 - 2.0 / (8.0 * degrees + 3.0)) * np.sqrt(
+            degrees * np.log1p(deviations**2 / degrees)
+        )
+        return float(np.copysign(size, deviations))
+    left = max(degrees - chosen + 1, 1)  # the other directions are not in the error
+    ratio = np.cbrt(deviations**2 / chosen * left / degrees)
+    above, below = 2.0 / (9.0 * chosen), 2.0 / (9.0 * left)
+    size = ((1.0 - below) * ratio - (1.0 - above)) / np.sqrt(below * ratio**2 + above)
+    return float(np.copysign(max(size, 0.0), deviations))
 
 
-def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
+def _beside_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Score:
     """The same by rows as they are, with the errors of a coarse converter not taken for noise.
 
     That takes longer, and is asked only where it may excuse what would be said. Of other terms it
@@ -158,7 +176,7 @@ def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
     readings = list(zip(at.measured, steps, strict=True))
     spread = covariance(columns, left, readings=readings, local_unknowns=free)
     error = float(np.sqrt(spread.covariance[-1, -1]))
-    other = _score(at, term, x[:-1], float(x[-1]), error)
+    other = _score(at, term, x[:-1], float(x[-1]), error, degrees)
     return min(plain, other, key=lambda s: abs(s.deviations))
 
 

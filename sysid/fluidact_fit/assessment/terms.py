@@ -104,6 +104,9 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
     """Yield terms that are always there: parameters and effects of the family, lags, shapes."""
     yield from _parameters(at)
     yield from _effects(at)
+    inputs = [at.signal(role) for role in at.driving if role not in at.roles]
+    for signal in inputs:
+        yield from _input_shapes(at, signal)
     if not all(e.time.size for e in at.experiments):
         return  # rows without an order
     step = min(e.sample_time for e in at.experiments)
@@ -112,9 +115,8 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
     for role in at.roles:
         yield from _lags(at, role, step)
         yield from _output_play(at, role)
-    for role in at.driving:
-        if role not in at.roles:
-            yield from _input_shapes(at, at.signal(role))
+    for signal in inputs:
+        yield from _input_play(at, signal)
 
 
 def _levels(at: Optimum) -> Iterator[Term]:
@@ -382,23 +384,22 @@ def _width(records: Sequence[FloatArray]) -> float | None:
     return width if 0.0 < width <= _PART * span else None
 
 
-def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
-    """Characteristic of an input that is not straight, and its play."""
+def _input_play(at: Optimum, signal: Signal) -> Iterator[Term]:
+    """Play of an input."""
     role = signal.role
-    values = [e[role] for e in at.experiments]
-    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    if low == high:
-        return
-    yield from _characteristic(at, role, (low, high))
-    width = _width(values)
+    width = _width([e[role] for e in at.experiments])
     if width is not None:
         change = _change(at, role, lambda x: behind_play(x, width), width)
         if change is not None:
             yield _shape(at, "play of", role, _played, _PLAY, change)
 
 
-def _characteristic(at: Optimum, role: str, span: tuple[float, float]) -> Iterator[Term]:
+def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
     """A bow, other gain and offset below zero, and any curve of straight lines between places."""
+    role, records = signal.role, [e[signal.role] for e in at.experiments]
+    span = min(float(r.min()) for r in records), max(float(r.max()) for r in records)
+    if span[0] == span[1]:
+        return
     places, known = np.linspace(*span, _PLACES), list[int]()
     reach = _PART * (span[1] - span[0])
     table = [np.zeros((r.size, _PLACES)) for r in at.residuals]

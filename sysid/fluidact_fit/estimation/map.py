@@ -87,7 +87,8 @@ class MapRows:
 class MapFit:
     """A fitted map: unknowns, which of them are off their bounds, and how the search ended.
 
-    ``tried`` starts were tried, ``agreeing`` of them ended at this optimum.
+    ``tried`` starts were tried, ``agreeing`` of them ended at this optimum, the ``others`` at
+    theirs, of which unknowns and cost are given.
     """
 
     model: MapModel
@@ -98,6 +99,7 @@ class MapFit:
     agreeing: int
     iterations: int
     converged: bool
+    others: Sequence[tuple[FloatArray, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ def fit_map(
     agreeing = sum(m.point.cost <= best.point.cost * (1.0 + 1e-6) + 1e-300 for m in found)
     return MapFit(
         model, best.x, (best.x > low) & (best.x < high), best.point.cost, len(found), agreeing,
-        best.iterations, best.converged,
+        best.iterations, best.converged, [(m.x, m.point.cost) for m in found[agreeing:]],
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,9 +29,13 @@ from .map import (
     find_uncertainty,
     fit_map,
 )
+from .parametric import DECISIVE, PROFILED
 from .problem import STEP
+from .profile_likelihood import profile_interval
 from .results import Refusal, Solved, determine, left_open
+from .rivals import OTHER
 from .solution import NoiseModel, Solution, make_solution
+from .uncertainty import information_units, reach, t_quantile
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 Law = Callable[[Mapping[str, Any], FloatArray], Array]
@@ -220,6 +225,7 @@ def fit_named_map(
             model.values(found.theta), model.names, spread.covariance, spread.degrees,
             request.fixed, independent=spread.independent,
         )  # fmt: skip
+        solved = _with_intervals(solved, found, data, jacobian)
         return NamedFit(solved, [], found, data, jacobian, misfit)
 
     ended = determine(
@@ -229,3 +235,45 @@ def fit_named_map(
     last = ended.solution
     solved = replace(last.solved, refused=dict(ended.refused))
     return replace(last, solved=solved, notices=ended.notices)
+
+
+def _with_intervals(solved: Solved, found: MapFit, data: NamedRows, jacobian: FloatArray) -> Solved:
+    """The values with intervals of the profiled cost: an edge between few points is no parabola.
+
+    Where another optimum explains the rows as well, the errors reach there.
+    """
+    model = found.model
+    if data.y.size > PROFILED or not isinstance(model, NamedMap):
+        return solved
+    matrix = solved.covariance
+    unit = information_units([jacobian], [data.rows.residual(found)], matrix)
+    usable = np.isfinite(unit) & (np.diag(matrix) > 0.0)
+    if not usable.any():
+        return solved
+    alike = [theta for theta, cost in found.others
+             if cost - found.cost < DECISIVE * float(np.median(unit[usable]))]  # fmt: skip
+    for change in (theta - found.theta for theta in alike):
+        if np.any(np.abs(change[usable]) > OTHER * np.sqrt(np.diag(matrix)[usable])):
+            matrix = reach(matrix, change)
+    quantile, intervals = t_quantile(0.975, solved.degrees), {}
+    for k in np.flatnonzero(usable).tolist():
+        rise = partial(_rise, model, found, alike, data, matrix, k, float(unit[k]))
+        name, error = model.names[k], float(np.sqrt(matrix[k, k]))
+        intervals[name] = profile_interval(
+            rise, float(found.theta[k]), error, quantile, model.limits[name]
+        )
+    return replace(solved, covariance=matrix, intervals=intervals)
+
+
+def _rise(
+    model: NamedMap, found: MapFit, alike: Sequence[FloatArray], data: NamedRows,
+    matrix: FloatArray, k: int, unit: float, x: float,
+) -> float:  # fmt: skip
+    """Root of the rise of the profiled cost with one value at ``x``, in standard deviations."""
+    name = model.names[k]
+    others = tuple(n for n in model.names if n != name)
+    held = replace(model, names=others, held={**model.held, name: x})
+    near = found.theta + matrix[k] / matrix[k, k] * (x - found.theta[k])
+    starts = [np.clip(np.delete(theta, k), *held.bounds) for theta in (near, *alike)]
+    cost = fit_map(held, data.rows, starts).cost
+    return float(np.sqrt(max(cost - found.cost, 0.0) / unit))

@@ -27,9 +27,9 @@ from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import Search, settled, solve, solve_from
-from .uncertainty import Uncertainty, covariance, t_quantile
+from .uncertainty import Uncertainty, information_units, t_quantile
 
-_PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
+PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-10  # damping of a search that begins near its end
@@ -267,7 +267,7 @@ def _attempt(
     rows = sum(y.size for y in model.measured)
     # of long logs a part was fitted before, mostly: the starts are near, or a step is rejected
     limits: dict[str, Any] = {"tolerance": 1e-5}
-    if rows > _PROFILED:
+    if rows > PROFILED:
         limits = {"tolerance": 1e-3 if rows < _MANY else 1e-2, "damping": _NEAR}
     search = solve_from(problem, begin, **limits)
     best, fair = search.best, model
@@ -299,7 +299,7 @@ def _without_effect(
     """
     out = []
     order = [n for n in attempt.solved.names if n in attempt.fair.nonlinear]
-    units = information_units(attempt.best, attempt.solved.covariance) if idle else np.zeros(0)
+    units = cost_units(attempt.best, attempt.solved.covariance) if idle else np.zeros(0)
     units = np.nan_to_num(units, nan=float(np.nanmin(units, initial=np.inf)))
     for name, value in idle.items():
         if name not in order:
@@ -346,21 +346,10 @@ def _idle_rise(
     return float(rise)
 
 
-def information_units(solution: StationaryPoint, found: FloatArray) -> FloatArray:
-    """Rise of the cost with one standard deviation of each unknown, shape ``(p,)``.
-
-    The variance of the residual where that is white. An autocorrelated one carries less
-    information, and the cost counts for less by as much as the covariance ``found``, ``(p, p)``,
-    is larger than that of white residuals. NaN where the data do not determine the unknown.
-    """
-    plain = covariance(
-        solution.jacobian, solution.residuals, local_unknowns=sum(solution.local_counts),
-        robust=False,
-    )  # fmt: skip
-    own, now = np.diag(plain.covariance), np.diag(found)
-    usable = np.isfinite(own) & (own > 0.0) & np.isfinite(now)
-    excess = np.divide(now, own, out=np.full(own.size, np.nan), where=usable)
-    return np.asarray(plain.sigma**2 * np.maximum(excess, 1.0))
+def cost_units(solution: StationaryPoint, found: FloatArray) -> FloatArray:
+    """As :func:`.information_units`, of a solution with local unknowns."""
+    local = sum(solution.local_counts)
+    return information_units(solution.jacobian, solution.residuals, found, local)
 
 
 def _balance(model: NamedModel, solution: StationaryPoint) -> dict[int, float]:
@@ -391,11 +380,11 @@ def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]
     have a side missing.
     """
     model, held = attempt.fair, attempt.held
-    if sum(y.size for y in model.measured) > _PROFILED:
+    if sum(y.size for y in model.measured) > PROFILED:
         return {}
     out = {}
     quantile = t_quantile(0.975, fitted.degrees)
-    units = information_units(fitted.solution, fitted.covariance)
+    units = cost_units(fitted.solution, fitted.covariance)
     for k, name in enumerate(fitted.names):
         if name not in model.nonlinear or name not in fitted.specs:
             continue

@@ -13,17 +13,17 @@ import numpy as np
 from ..experiment import FloatArray
 from ..units import after_number
 from .named_model import NamedModel, bind
-from .parametric import DECIDED, DECISIVE, Fitted, information_units
+from .parametric import DECIDED, DECISIVE, Fitted, cost_units
 from .problem import Problem, StationaryPoint
 from .response_model import ResponseTask, T, vector
 from .results import refuse
 from .separable import evaluate, profile
 from .starts import time_scales
-from .uncertainty import t_quantile
+from .uncertainty import reach, t_quantile
 
 Correct = Callable[[Fitted], Fitted] | None
 
-_OTHER = 4.0  # standard errors by which a value is another one
+OTHER = 4.0  # standard errors by which a value is another one
 _FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 _SIMILAR = 0.1  # of a value: two optima as near as that are one wide interval
 _BLOCKS = 30  # of consecutive samples, whose costs show how sure the difference of two fits is
@@ -49,12 +49,12 @@ def judge_rivals(
     """
     best = fitted.search.best
     names = [n for n in fitted.names if n in fitted.unknowns][: best.eta.size]
-    unit = np.nanmedian(information_units(fitted.solution, fitted.covariance))
+    unit = np.nanmedian(cost_units(fitted.solution, fitted.covariance))
     held = {n: v for n, v in fitted.values.items() if n in task.unknowns and n not in names}
     problem = bind(model, task.unknowns, held)
     errors = np.array([fitted.std_error(n) for n in names])
     points = [vector(problem, {**p, **held}) for p in places]
-    far = [eta for eta in points if np.any(np.abs(eta - best.eta) > _OTHER * errors)]
+    far = [eta for eta in points if np.any(np.abs(eta - best.eta) > OTHER * errors)]
     if part is not None and far:
         some = bind(part.scaled(fitted.factors), task.unknowns, held)
         least, *others = profile(some, np.array([best.eta, *far]))
@@ -64,7 +64,7 @@ def judge_rivals(
         if cost - best.cost >= DECISIVE * unit or _is_surely_worse(problem, eta, best):
             continue
         change = eta - best.eta
-        apart = [k for k in range(len(names)) if abs(change[k]) > _OTHER * errors[k]]
+        apart = [k for k in range(len(names)) if abs(change[k]) > OTHER * errors[k]]
         if not apart or _leads_to(end, fitted, correct, dict(zip(names, eta))):
             continue
         if all(abs(change[k]) <= _SIMILAR * abs(best.eta[k]) for k in apart):
@@ -118,7 +118,7 @@ def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
     """The fit with errors that hold whatever lies within a change of its values, both ways."""
     d = np.array([change.get(n, 0.0) for n in fitted.names])
     intervals = {n: x for n, x in fitted.intervals.items() if n not in change}
-    return replace(fitted, covariance=fitted.covariance + np.outer(d, d) / 3.0, intervals=intervals)
+    return replace(fitted, covariance=reach(fitted.covariance, d), intervals=intervals)
 
 
 def _leads_to(end: Fitted, plain: Fitted, correct: Correct, rival: Mapping[str, float]) -> bool:

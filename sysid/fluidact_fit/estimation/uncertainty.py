@@ -194,6 +194,11 @@ def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
         return np.where(matrix == 0.0, 0.0, matrix * np.outer(scale, scale))
 
 
+def reach(matrix: FloatArray, change: FloatArray) -> FloatArray:
+    """A covariance ``(p, p)`` that holds whatever lies within a change ``(p,)``, both ways."""
+    return matrix + np.outer(change, change) / 3.0
+
+
 def largest(candidates: Sequence[FloatArray]) -> FloatArray:
     """Covariance ``(p, p)`` of unknowns of which several are possible.
 
@@ -319,6 +324,25 @@ def covariance(
         total = largest([_positive(bread @ middle @ bread) + rest for middle in middles])
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
+
+
+def information_units(
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    found: FloatArray,
+    local_unknowns: int = 0,
+) -> FloatArray:
+    """Rise of the cost with one standard deviation of each unknown, shape ``(p,)``.
+
+    The variance of the residual where that is white. An autocorrelated one carries less
+    information, and the cost counts for less by as much as the covariance ``found``, ``(p, p)``,
+    is larger than that of white residuals. NaN where the data do not determine the unknown.
+    """
+    plain = covariance(jacobian, residuals, local_unknowns=local_unknowns, robust=False)
+    own, now = np.diag(plain.covariance), np.diag(found)
+    usable = np.isfinite(own) & (own > 0.0) & np.isfinite(now)
+    excess = np.divide(now, own, out=np.full(own.size, np.nan), where=usable)
+    return np.asarray(plain.sigma**2 * np.maximum(excess, 1.0))
 
 
 def independent_samples(memory: float, n: int) -> float:

@@ -47,7 +47,7 @@ from .fit import (
     plan_motor,
     start_motor,
 )
-from .static import fit_points, gather, law
+from .static import commands, fit_points, law
 
 STATIC = "static"
 _COMMAND = Role(
@@ -232,8 +232,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
         if plant.variant.name == STATIC:
-            data = gather(experiments)
-            return [Simulated(y) for y in data.by_log(np.real(law(plant.numbers, data.x)))]
+            return [Simulated(np.real(law(plant.numbers, x))) for x in commands(experiments)]
         out, output, options = [], plant.variant.output.name, plant.options
         for e in experiments:
             model = MotorModel([e], options.beginning, output)

@@ -38,22 +38,29 @@ _BEST = 3  # starts of a search
 
 
 def law(values: Values, x: FloatArray) -> Array:
-    """Steady speeds; ``x`` holds the commands and the number of the log of each, ``(n, 2)``."""
+    """Steady speeds; ``x`` holds the commands and the number of the log of each, ``(n, 2)``.
+
+    Before the first point the motor stood still, its spool in the middle.
+    """
     width, spool = values["hysteresis"], []
-    size = float(np.real(width))
+    size, middle = float(np.real(width)), float(np.real(values.get(OFFSET, 0.0)))
     for number in np.unique(x[:, 1]):
-        place, slope = play(x[x[:, 1] == number, 0], size)
-        spool.append(place + slope * (width - size))
+        place, slope = play(np.append(middle, x[x[:, 1] == number, 0]), size)
+        spool.append((place + slope * (width - size))[1:])
     return static_speed(np.concatenate(spool), values)
+
+
+def commands(experiments: Sequence[Experiment]) -> list[FloatArray]:
+    """Commands of all runs with the number of each, ``(n_i, 2)``."""
+    return [
+        np.column_stack((e.sampled("command"), np.full(e.samples, k)))
+        for k, e in enumerate(experiments)
+    ]
 
 
 def gather(experiments: Sequence[Experiment]) -> NamedRows:
     """Commands and speeds of all runs, in order."""
-    return NamedRows.of(
-        [np.column_stack((e.sampled("command"), np.full(e.samples, k)))
-         for k, e in enumerate(experiments)],
-        [e["speed"] for e in experiments], in_order=True,
-    )  # fmt: skip
+    return NamedRows.of(commands(experiments), [e["speed"] for e in experiments], in_order=True)
 
 
 def fit_points(
