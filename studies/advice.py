@@ -37,8 +37,8 @@ _NAMES = {
     "outlet": ("Druck", "p out"), "inlet": ("p in", "source"), "speed": ("Drehzahl", "omega"),
     "velocity": ("v", "speed"), "flow": ("Q", "Volumenstrom"), "reading": ("ADC", "counts"),
     "pressure_1": ("pA", "p1"), "pressure_2": ("pB", "p2"), "pressure_drop": ("dp", "delta p"),
-    "reference": ("laser", "caliper"), "drive_position": ("Motor", "x"),
-    "load_position": ("Last", "phi"),
+    "reference": ("laser", "caliper"), "drive": ("Motor", "x"),
+    "load": ("Last", "phi"),
 }  # fmt: skip
 _PAGE = """\
 # Which family a log is of

@@ -1478,13 +1478,12 @@ def fit_backlash(
 
     ::
 
-        load_position = play(ratio drive_position) + offset, play(u) = min(max(play before, u -
-        backlash / 2), u + backlash / 2)
+        load = path + offset, path = min(max(path before, ratio drive - play / 2), ratio drive +
+        play / 2)
 
-    Roles: ``time`` [s] (optional), ``drive_position`` [m or rad or 1 or V], ``load_position`` [m or
-    rad or 1 or V].
+    Roles: ``time`` [s] (optional), ``drive`` [m or rad or 1 or V], ``load`` [m or rad or 1 or V].
 
-    Parameters of the result: ``backlash`` [m], ``ratio`` [1].
+    Parameters of the result: ``play`` [m], ``ratio`` [1], ``offset`` [m].
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ def stroke(
     y += spring * (ratio * x - y)
     y = np.concatenate((np.full(late, y[0]), y[: n - late]))
     return {
-        "time": t, "drive_position": x + drive_noise * rng.standard_normal(n),
-        "load_position": y + 3e-3 + noise * rng.standard_normal(n),
+        "time": t, "drive": x + drive_noise * rng.standard_normal(n),
+        "load": y + 3e-3 + noise * rng.standard_normal(n),
     }  # fmt: skip
 
 
@@ -93,8 +93,8 @@ def test_a_recorded_load_is_followed_wherever_it_began(
 
 def test_the_derivatives_are_those_of_the_path() -> None:
     log = stroke(4, noise=0.0)
-    model = PlayModel([log["drive_position"]], [log["load_position"]])
-    at, names = {"ratio": 0.81, "backlash": 2.1e-3}, ("ratio", "backlash")
+    model = PlayModel([log["drive"]], [log["load"]])
+    at, names = {"ratio": 0.81, "play": 2.1e-3}, ("ratio", "play")
     _, slopes = model.slopes(0, at, names)
     for row, name in zip(slopes.known, names):
         step = 1e-7 * at[name]
@@ -112,8 +112,8 @@ def test_intervals_hold_the_truth_and_errors_are_as_small_as_they_can_be() -> No
         assert result.verdict == "pass", codes(result)
         p = result.parameters
         least = 2.0 * NOISE / np.sqrt(1400.0)
-        assert 0.99 * least < p["backlash"].std_error < 1.3 * least
-        for name, truth in (("backlash", PLAY), ("ratio", RATIO)):
+        assert 0.99 * least < p["play"].std_error < 1.3 * least
+        for name, truth in (("play", PLAY), ("ratio", RATIO)):
             scores.append((p[name].number - truth) / p[name].std_error)
     # of 24 scores: a root mean square within four of its standard errors, none beyond 4
     assert 0.42 < np.sqrt(np.mean(np.square(scores))) < 1.58
@@ -124,30 +124,30 @@ def test_a_load_that_is_geared_backwards_is_as_good() -> None:
     result = ff.fit("backlash", stroke(ratio=-25.0, play=0.05, noise=5e-4))
     p = result.parameters
     assert abs(p["ratio"].number + 25.0) < 4.0 * p["ratio"].std_error
-    assert abs(p["backlash"].number - 0.05) < 4.0 * p["backlash"].std_error
+    assert abs(p["play"].number - 0.05) < 4.0 * p["play"].std_error
     lost = result.document.derived["lost_motion"]
-    assert lost.value == pytest.approx(p["backlash"].number / 25.0, rel=1e-3)
+    assert lost.value == pytest.approx(p["play"].number / 25.0, rel=1e-3)
 
 
 def test_without_play_the_interval_begins_at_zero() -> None:
     result = ff.fit("backlash", stroke(play=0.0))
-    low, high = result.parameters["backlash"].ci95
+    low, high = result.parameters["play"].ci95
     assert low == 0.0 < high < 3.0 * NOISE
     assert result.verdict == "pass"
 
 
-@pytest.mark.parametrize("given", [{"ratio": RATIO}, {"backlash": PLAY}])
+@pytest.mark.parametrize("given", [{"ratio": RATIO}, {"play": PLAY}])
 def test_a_given_value_is_kept_and_the_other_found(given: dict[str, float]) -> None:
     p = ff.fit("backlash", stroke(), fixed=given).parameters
     ((known, value),) = given.items()
     assert (p[known].status, p[known].number) == ("fixed", value)
     other = next(n for n in p if n != known)
-    truth = {"ratio": RATIO, "backlash": PLAY}[other]
+    truth = {"ratio": RATIO, "play": PLAY}[other]
     assert abs(p[other].number - truth) < 4.0 * p[other].std_error
 
 
 def test_both_may_be_given_and_a_ratio_of_zero_may_not() -> None:
-    both = {"ratio": RATIO, "backlash": PLAY}
+    both = {"ratio": RATIO, "play": PLAY}
     assert ff.fit("backlash", stroke(), fixed=both).verdict == "pass"
     with pytest.raises(NotIdentifiedError, match="ratio of 0"):
         ff.fit("backlash", stroke(), fixed={"ratio": 0.0})
@@ -156,10 +156,10 @@ def test_both_may_be_given_and_a_ratio_of_zero_may_not() -> None:
 @pytest.mark.parametrize(
     ("spoil", "name", "said"),
     [
-        (lambda log: {**log, "load_position": 0.0 * log["time"]}, "ratio", "rests in every log"),
-        (lambda log: {**log, "drive_position": 0.0 * log["time"]}, "ratio", "rests in every log"),
-        (lambda log: stroke(play=0.045), "backlash", "turns back by"),
-        (lambda log: {k: v[:60] for k, v in stroke(5).items()}, "backlash", ""),
+        (lambda log: {**log, "load": 0.0 * log["time"]}, "ratio", "rests in every log"),
+        (lambda log: {**log, "drive": 0.0 * log["time"]}, "ratio", "rests in every log"),
+        (lambda log: stroke(play=0.045), "play", "turns back by"),
+        (lambda log: {k: v[:60] for k, v in stroke(5).items()}, "play", ""),
     ],
 )
 def test_what_the_logs_cannot_tell_is_refused(
@@ -174,8 +174,8 @@ def test_reversals_just_short_of_the_play_are_refused() -> None:
     t = log["time"]
     x = 2e-3 * t + 1.2e-3 * np.sin(8.0 * t)  # back by less than the lost motion of 2.5 mm
     y = by_hand(RATIO * x, PLAY) + NOISE * np.random.default_rng(2).standard_normal(t.size)
-    with pytest.raises(NotIdentifiedError, match="backlash"):
-        ff.fit("backlash", {"time": t, "drive_position": x, "load_position": y})
+    with pytest.raises(NotIdentifiedError, match="play"):
+        ff.fit("backlash", {"time": t, "drive": x, "load": y})
 
 
 @pytest.mark.parametrize("drive_noise", [2e-6, 2e-5, 6e-5])
@@ -183,7 +183,7 @@ def test_noise_of_the_drive_is_in_the_interval_or_is_warned_of(drive_noise: floa
     """A slow drive with noise looks like 2 to 3 standard deviations more play."""
     for seed in range(5):
         result = ff.fit("backlash", [stroke(seed, drive_noise=drive_noise)])
-        p = result.parameters["backlash"]
+        p = result.parameters["play"]
         off = abs(p.number - PLAY) / p.std_error
         assert off < 3.5 or codes(result) & {"input-noise-left", "unmodelled-response"}
 
@@ -191,14 +191,14 @@ def test_noise_of_the_drive_is_in_the_interval_or_is_warned_of(drive_noise: floa
 def test_noise_of_the_drive_that_widens_the_play_is_warned_of() -> None:
     result = ff.fit("backlash", [stroke(1, drive_noise=2e-4)])
     assert "input-noise-left" in codes(result)
-    assert result.parameters["backlash"].number > 1.03 * PLAY
+    assert result.parameters["play"].number > 1.03 * PLAY
 
 
 def test_codes_of_the_drive_widen_the_interval_of_the_play() -> None:
     """Each reversal is known no better than the drive was read there."""
     log, step = stroke(), 2e-4
-    coded = {**log, "drive_position": np.round(log["drive_position"] / step) * step}
-    exact, found = (ff.fit("backlash", [x]).parameters["backlash"] for x in (log, coded))
+    coded = {**log, "drive": np.round(log["drive"] / step) * step}
+    exact, found = (ff.fit("backlash", [x]).parameters["play"] for x in (log, coded))
     assert found.std_error > 3.0 * exact.std_error
     assert abs(found.number - PLAY) < 3.5 * found.std_error
 
@@ -218,8 +218,8 @@ def test_what_looks_like_play_is_said(fault: dict[str, Any], code: str) -> None:
 
 def test_drive_and_load_taken_for_each_other_are_refused() -> None:
     log = stroke(drive_noise=NOISE)
-    swapped = {**log, "drive_position": log["load_position"],
-               "load_position": log["drive_position"]}  # fmt: skip
+    swapped = {**log, "drive": log["load"],
+               "load": log["drive"]}  # fmt: skip
     with pytest.raises(NotIdentifiedError, match="columns swapped"):
         ff.fit("backlash", swapped)
 
@@ -243,4 +243,4 @@ def test_a_block_on_a_known_side_is_its_own_inverse() -> None:
     for side in (-1.0, 0.0, 1.0):
         np.testing.assert_allclose(block.inverse(block(x, side), side), x, atol=1e-12)
     up, down = float(block(0.01, 1.0)), float(block(0.01, -1.0))
-    assert down - up == pytest.approx(block.numbers()["backlash"])
+    assert down - up == pytest.approx(block.numbers()["play"])

@@ -27,7 +27,7 @@ STEPS = np.repeat(RNG.uniform(0.0, 5.0, 16), 50)
         ("line", {"inlet": STEPS, "outlet": STEPS}),
         ("cylinder-friction", {"force": 1e3 * FORCE, "velocity": FORCE}),
         ("spring-cylinder", {"command": STEPS, "position": FORCE, "force": 100.0 * FORCE}),
-        ("backlash", {"drive_position": FORCE, "load_position": np.round(1e3 * FORCE, 1)}),
+        ("backlash", {"drive": FORCE, "load": np.round(1e3 * FORCE, 1)}),
         ("hydraulic-cylinder",
          {"command": STEPS, "pressure_1": FORCE, "pressure_2": FORCE, "position": TIME}),
         ("potentiometer", {"reading": FORCE, "reference": FORCE}),

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..attack import Array, Attack, Recording
 
-UNITS = {"time": "s", "drive_position": "rad", "load_position": "rad"}
-TRUTH = {"backlash": 4.0e-3, "ratio": 0.25}
+UNITS = {"time": "s", "drive": "rad", "load": "rad"}
+TRUTH = {"play": 4.0e-3, "ratio": 0.25}
 STEP, SIZE, NOISE = 0.02, 1.2, 1.0e-4
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
@@ -29,7 +29,7 @@ def drive(kind: str, n: int, size: float, rng: np.random.Generator) -> Array:
         ends = np.sort(np.concatenate((np.arange(24.0), np.arange(24.0) + 0.6)))
         return np.asarray(np.interp(24.0 * share, ends, places))
     if kind == "short":  # back by nine tenths of the lost motion
-        back, strokes = 0.9 * TRUTH["backlash"] / TRUTH["ratio"], np.arange(21)
+        back, strokes = 0.9 * TRUTH["play"] / TRUTH["ratio"], np.arange(21)
         places = 0.05 * (strokes + strokes % 2) - back * (strokes % 2 == 0)
         return np.asarray(np.interp(20.0 * share, strokes, places))
     return np.asarray(size * (2.0 * share - 1.0))
@@ -42,14 +42,14 @@ def geared(x: Array, p: Mapping[str, float], rng: np.random.Generator) -> Array:
     which it runs on, ``slip`` [rad] at one instant, ``eccentric`` share by which the play sways
     over the drive, ``bow`` of the gear, ``creep`` share of the play by which it falls in a second.
     """
-    at, last, out = float(p["ratio"] * x[0]) + 0.5 * p["backlash"] * rng.uniform(-1.0, 1.0), 0, []
+    at, last, out = float(p["ratio"] * x[0]) + 0.5 * p["play"] * rng.uniform(-1.0, 1.0), 0, []
     moved, run_on = 0, 0.0
     for k, place in enumerate(x.tolist()):
         u = p["ratio"] * (place + p.get("bow", 0.0) * (place / SIZE) ** 2)
-        play = p["backlash"] * (1.0 + p.get("eccentric", 0.0) * np.sin(3.0 * place / SIZE))
+        play = p["play"] * (1.0 + p.get("eccentric", 0.0) * np.sin(3.0 * place / SIZE))
         before = at
         if p.get("creep"):
-            at -= p["creep"] * p["backlash"] * STEP
+            at -= p["creep"] * p["play"] * STEP
         if u - at > 0.5 * play:
             at, last = u - 0.5 * play, 1
         elif at - u > 0.5 * play:
@@ -88,7 +88,7 @@ def _log(
         x = x + drive_noise * rng.standard_normal(n)
         x = np.round(x / codes) * codes if codes else x
         y = np.round(y / load_codes) * load_codes if load_codes else y
-        one: Recording = {"drive_position": x, "load_position": y}
+        one: Recording = {"drive": x, "load": y}
         if timed:
             one = {"time": STEP * np.arange(n), **one}
         out.append(spoil(one, rng) if spoil else one)
@@ -102,8 +102,8 @@ def _glitch(recording: Recording, rng: np.random.Generator, role: str, factor: f
 
 
 def _swap(recording: Recording, rng: np.random.Generator) -> Recording:
-    return {**recording, "drive_position": recording["load_position"],
-            "load_position": recording["drive_position"]}  # fmt: skip
+    return {**recording, "drive": recording["load"],
+            "load": recording["drive"]}  # fmt: skip
 
 
 def _of(
@@ -113,13 +113,13 @@ def _of(
     machine = {k: v for k, v in (recording.get("machine") or {}).items() if k in TRUTH}
     truth = TRUTH | machine
     # what a spring takes along while the drive crosses the play is no part of what is lost
-    truth["backlash"] *= 1.0 - (recording.get("machine") or {}).get("spring", 0.0)
+    truth["play"] *= 1.0 - (recording.get("machine") or {}).get("spring", 0.0)
     rows = recording.get("n", 1000) * recording.get("logs", 2)
-    bounds = {"backlash": 2.0 * recording.get("noise", NOISE) / np.sqrt(rows), "ratio": 1e-4}
+    bounds = {"play": 2.0 * recording.get("noise", NOISE) / np.sqrt(rows), "ratio": 1e-4}
     units = {r: u for r, u in UNITS.items() if r != "time" or recording.get("timed", True)}
     return Attack(
         "backlash", group, name, truth if known else {}, partial(_log, **recording), units,
-        fixed=fixed or {}, scales={} if truth["backlash"] else {"backlash": TRUTH["backlash"]},
+        fixed=fixed or {}, scales={} if truth["play"] else {"play": TRUTH["play"]},
         bounds=bounds if good else {}, repetitions=repetitions, beyond=beyond,
     )  # fmt: skip
 
@@ -132,9 +132,9 @@ def attacks() -> Iterator[Attack]:
     yield _of("right model", "no time", 4, timed=False, good=True)
     yield _of("right model", "one log of 300 samples", 6, n=300, logs=1, good=True)
     yield _of("right model", "geared backwards", 4, machine={"ratio": -3.0}, good=True)
-    yield _of("right model", "no play", 8, machine={"backlash": 0.0}, good=True)
-    yield _of("right model", "play near the noise", 8, machine={"backlash": 1e-4})
-    yield _of("right model", "half of the way is play", 4, machine={"backlash": 0.3}, good=True)
+    yield _of("right model", "no play", 8, machine={"play": 0.0}, good=True)
+    yield _of("right model", "play near the noise", 8, machine={"play": 1e-4})
+    yield _of("right model", "half of the way is play", 4, machine={"play": 0.3}, good=True)
     yield _of("right model", "ratio given", 4, fixed={"ratio": TRUTH["ratio"]}, good=True)
     yield _of("noise", "ten times", 4, noise=10.0 * NOISE)
     yield _of("noise", "autocorrelated, 0.95", 6, memory=0.95)
@@ -149,7 +149,7 @@ def attacks() -> Iterator[Attack]:
                   load_codes=1e-3)  # fmt: skip
     yield _of("reversals", "of nine tenths of the play", 4, kind="short")
     yield _of("reversals", "none", 3, kind="one way")
-    yield _of("reversals", "play wider than the way", 3, machine={"backlash": 0.7})
+    yield _of("reversals", "play wider than the way", 3, machine={"play": 0.7})
     for kind in ("sines", "strokes"):
         yield _of("delay", f"{kind}, 1 sample", 3, kind=kind, late=1)
         yield _of("delay", f"{kind}, 10 samples", 2, kind=kind, late=10)
@@ -174,6 +174,6 @@ def attacks() -> Iterator[Attack]:
     yield _of("machine", "bowed gear", 3, machine={"bow": 0.01})
     yield _of("machine", "drift of the load", 3, drift=2e-3)
     yield _of("channels", "taken for each other", 3, spoil=_swap, known=False)
-    for role, factor in (("load_position", 3.0), ("load_position", 0.0), ("drive_position", 2.0)):
+    for role, factor in (("load", 3.0), ("load", 0.0), ("drive", 2.0)):
         yield _of("one bad sample", f"{role} times {factor:g}", 2,
                   spoil=partial(_glitch, role=role, factor=factor))  # fmt: skip

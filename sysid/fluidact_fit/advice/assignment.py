@@ -44,8 +44,8 @@ _WORDS: dict[str, str] = {
     "flow": "flow q volumenstrom durchfluss debit caudal portata speed",
     "reading": "adc counts count raw reading pot poti potentiometer digits",
     "reference": "reference laser caliper true position pos mm gauge deflection",
-    "drive_position": "drive motor antrieb input x",
-    "load_position": "load last abtrieb output phi",
+    "drive": "drive motor antrieb input x",
+    "load": "load last abtrieb output phi",
     "length": "length laenge",
     "direction": "direction richtung state",
 }

@@ -316,6 +316,8 @@ def make_optimum(
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None
     q = next(iter(solution.runs[0].jacobians.values())).shape[1]
+    if not q:
+        return None
     names, errors = solution.names[:q], errors[:q]
     column = _places(solution.covariance[:q, :q] / np.outer(errors, errors), errors)
     kept = [column.index(k) for k in range(max(column) + 1)]

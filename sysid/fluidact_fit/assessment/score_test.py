@@ -108,6 +108,8 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
 def _score(
     at: Optimum, term: Term, shifts: FloatArray, size: float, error: float, degrees: int
 ) -> Score:
+    if term.changes:
+        shifts = shifts + 0.5 * size * np.equal(at.names, term.changes)
     errors = shifts / at.errors
     values = np.abs([at.number(n) for n in at.names])
     shares = np.full(values.size, np.inf)  # whatever is added to zero

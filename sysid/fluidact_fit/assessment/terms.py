@@ -43,6 +43,10 @@ _LAG = (
     "that this family does not have. A lead: look for those of an input, or for a missing mass. "
     "Noise of an input and gaps look alike; settle what is said of them first."
 )
+_WARM = (
+    "One set of values does not hold for the whole log: let the machine warm up, hold supply "
+    "pressure and load, or fit parts of the log by themselves (--window)."
+)
 _PLAY = (
     "Check the coupling of the sensor, its hysteresis, and friction beside what the model has: "
     "they look alike."
@@ -78,6 +82,8 @@ class Term:
         as much of it as of all of them.
     positive
         Whether the size cannot be negative.
+    changes
+        Parameter of which it is a change: at either end of a log it is off by half of the size.
     """
 
     name: str
@@ -91,6 +97,7 @@ class Term:
     chosen: int = 1
     positive: bool = False
     instruments: Sequence[FloatArray] = ()
+    changes: str = ""
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -98,6 +105,8 @@ def terms_over_time(at: Optimum) -> Iterator[Term]:
     yield from _levels(at)
     for role in at.roles:
         yield _drift(at, role)
+    if all(s.experiment.time.size for s in at.series):
+        yield from _changing_parameters(at)
 
 
 def terms_at_any_time(at: Optimum) -> Iterator[Term]:
@@ -159,6 +168,30 @@ def _drift(at: Optimum, role: str) -> Term:
         "Go back to the first position at the end and compare. In sorted rows, or in a single "
         "sweep, a drift cannot be told from the curve or from play.", columns,
     )  # fmt: skip
+
+
+def _changing_parameters(at: Optimum) -> Iterator[Term]:
+    """Parameters that change evenly from the beginning of every log to its end."""
+    ways = []
+    for s in at.series:
+        t = all_of(s.experiment.time, s.used)
+        ways.append((t - t.mean()) / max(float(np.ptp(s.experiment.time)), np.finfo(float).tiny))
+    columns = {
+        k: [w * j[:, k] for w, j in zip(ways, at.jacobians)]
+        for k, name in enumerate(at.names) if name in at.solution.parameters
+    }  # fmt: skip
+    columns = {k: c for k, c in columns.items() if root_mean_square(c) > 1e-12 * at.sigma}
+    for k, own in columns.items():
+        spec = at.variant.parameter(at.names[k])
+        yield Term(
+            f"change of {spec.name}", spec.unit, partial(_changes, spec.name, at.unit(spec.name)),
+            _WARM, own, chosen=len(columns), changes=spec.name,
+            instruments=[w * z[:, k] for w, z in zip(ways, at.instruments)],
+        )  # fmt: skip
+
+
+def _changes(name: str, unit: str, size: float) -> str:
+    return f"{name} changes by {size:+.3g}{unit} from the beginning of a log to its end"
 
 
 def _parameters(at: Optimum) -> Iterator[Term]:

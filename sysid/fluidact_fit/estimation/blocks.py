@@ -62,7 +62,7 @@ def condense(tables: Iterable[FloatArray]) -> FloatArray:
     """
     each = iter(tables)
     first, second = next(each), next(each, None)
-    if second is None:
+    if second is None or not first.shape[1]:
         return first
     found = _Condensed(np.concatenate((first, second)))
     for table in each:

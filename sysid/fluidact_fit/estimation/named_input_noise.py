@@ -62,7 +62,9 @@ def correct_named(
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         return left_open(attempt.solved, fitted.specs, sensible or {})
 
-    done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=refusals)
+    # what exact inputs would not determine, those with noise do not: it may act on nothing at all
+    every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())
+    done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=every)
     solved, found = done.solution.solved, done.solution.found
     values = {**solved.values, **fitted.fixed}
     values |= {n: float(fitted.specs[n].neutral or 0.0) for n in done.refused}

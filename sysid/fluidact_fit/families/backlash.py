@@ -1,12 +1,12 @@
 """Backlash: the play between a drive and the load behind it, both positions recorded.
 
-    load = play(ratio drive) + offset
-    play(u)_k = min(max(play_(k-1), u_k - backlash / 2), u_k + backlash / 2)
+    load = path + offset
+    path_k = min(max(path_(k-1), ratio drive_k - play / 2), ratio drive_k + play / 2)
 
 The play operator [1]_: the load rests while the drive crosses the play and then follows it on the
 other side, as it does where friction dominates and motion is slow. With ``u`` the drive at the last
-contact and ``s`` the side that pushed (1 upwards, -1 downwards) the load is ``ratio u - s backlash
-/ 2``, which gives all derivatives. The right inverse [2]_ takes the drive across the play at once
+contact and ``s`` the side that pushed (1 upwards, -1 downwards) the path is ``ratio u - s play /
+2``, which gives all derivatives. The right inverse [2]_ takes the drive across the play at once
 where the wanted load turns back.
 
 References
@@ -27,19 +27,21 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import SteppedBlock
-from ..errors import Notice
+from ..errors import Notice, UsageError
 from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
 from ..estimation.noise import common_step, noise_floor, white_noise
 from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis, Slopes
 from ..estimation.recursion import behind_play, clamped
 from ..estimation.results import refuse
+from ..estimation.uncertainty import covariance
 from ..experiment import Experiment, FloatArray, Hold, IndexArray, Signal
 from ..family import (
     Curve,
     Excitation,
     Family,
     FamilyOptions,
+    NoiseLevel,
     NoiseModel,
     ParameterDocument,
     ParameterSpec,
@@ -53,6 +55,7 @@ from ..family import (
     Variant,
     make_solution,
 )
+from ..options import settled
 from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
 
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
@@ -63,6 +66,16 @@ _COUNTS = 0.1  # of a variance, from which on a profile of the cost says too lit
 _CODES = 3.0  # steps of a converter that a motion goes at once, unless it was commanded in them
 _MATTERS = 0.25  # half-widths of the interval by which noise may shift it
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
+
+
+@dataclass(frozen=True)
+class BacklashOptions(FamilyOptions):
+    """Whose the offset is; settled by the fit."""
+
+    offset_of: str | None = settled(
+        "choice", "whether each log has an output offset of its own, about that of the file",
+        choices=("log", "file"),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -134,27 +147,58 @@ def _two_levels(before: FloatArray, after: FloatArray, at: IndexArray) -> FloatA
 
 @dataclass(frozen=True)
 class PlayModel:
-    """Positions of all runs, as the estimation takes the model; see :class:`.NamedModel`."""
+    """Positions of all runs, as the estimation takes the model; see :class:`.NamedModel`.
+
+    The offset of all of them is a given ``level``, or each run has its own.
+    """
 
     drives: Sequence[FloatArray]
     loads: Sequence[FloatArray]
+    level: float | None = None
 
     def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
-        """Path of a run and its derivatives; its offset and first position are its own."""
+        """Path of a run and its derivatives; its first position is its own, as its offset is."""
         x, y = self.drives[index], self.loads[index]
-        f = follow(x, float(values["ratio"]), float(values["backlash"]), y)
+        f = follow(x, float(values["ratio"]), float(values["play"]), y)
         after = np.arange(x.size) >= f.begins
-        local = np.column_stack([part for part in (after, ~after) if part.any()]).astype(float)
-        by = {"ratio": after * x[f.contact], "backlash": -0.5 * after * f.side}
+        own = [after, ~after] if self.level is None else [~after]
+        local = np.array([part for part in own if part.any()], dtype=float).reshape(-1, x.size).T
+        by = {"ratio": after * x[f.contact], "play": -0.5 * after * f.side}
         table = np.array([by[n] for n in names]).reshape(len(names), x.size)
         nothing = np.zeros((x.size, 0))
-        return Basis(after * f.path, nothing, local), Slopes(
+        return Basis(after * (f.path + (self.level or 0.0)), nothing, local), Slopes(
             table, np.zeros((len(names), *nothing.shape)), np.zeros((len(names), *local.shape))
         )
 
     def columns(self, index: int, values: Values) -> Basis:
         """Path of a run."""
         return self.slopes(index, values, ())[0]
+
+    def offset(self, fitted: Fitted) -> tuple[float, FloatArray]:
+        """Mean offset of all samples, and its covariances with the estimated values and itself.
+
+        Shape ``(q + 1,)``. It moves with the path that the values give, and by the noise of every
+        run or, where that is more, as the runs differ.
+        """
+        table = np.zeros(len(fitted.names))
+        levels, errors, sizes = [], [], []
+        for k, y in enumerate(self.loads):
+            basis, slopes = self.slopes(k, fitted.values, fitted.names)
+            seen = basis.local[:, 0] > 0.0
+            rest = (y - basis.known)[seen]
+            levels.append(float(rest.mean()))
+            errors.append(
+                covariance([np.ones((rest.size, 1))], [rest - levels[-1]]).covariance[0, 0]
+            )
+            sizes.append(rest.size)
+            table -= slopes.known[:, seen].sum(axis=1)
+        share = np.array(sizes) / sum(sizes)
+        mean = float(share @ levels)
+        own = [float(share**2 @ errors)]
+        if len(sizes) > 1:
+            own.append(float(share @ np.square(np.array(levels) - mean)) / (len(sizes) - 1))
+        shared = fitted.covariance @ (table / sum(sizes))
+        return mean, np.append(shared, table @ shared / sum(sizes) + max(own))
 
     def start(self, share: float) -> tuple[dict[str, float], float]:
         """Ratio that fits best behind a play of some share of the range, and what it leaves."""
@@ -164,105 +208,113 @@ class PlayModel:
         y = np.concatenate([p - p.mean() for p in self.loads])
         ratio = float(w @ y / max(w @ w, 1e-300))
         rest = y - ratio * w
-        return {"ratio": ratio, "backlash": abs(ratio) * width}, float(rest @ rest)
+        return {"ratio": ratio, "play": abs(ratio) * width}, float(rest @ rest)
 
 
-class Backlash(Family[FamilyOptions]):
+class Backlash(Family[BacklashOptions]):
     """Play between a drive and its load, and their ratio, from slow strokes both ways."""
 
     name = "backlash"
     title = "Backlash: play and lost motion between a drive and its load"
     equation = (
-        "load_position = play(ratio drive_position) + offset, "
-        "play(u) = min(max(play before, u - backlash / 2), u + backlash / 2)"
+        "load = path + offset, "
+        "path = min(max(path before, ratio drive - play / 2), ratio drive + play / 2)"
     )
     variants = (
         Variant(
             "backlash",
             (
                 Role("time", "s", "time of each sample", required=False),
-                Role("drive_position", "m", "position of the drive, before the play", hold="foh",
+                Role("drive", "m", "position of the drive, before the play", hold="foh",
                      alternatives=("rad", "1", "V")),
-                Role("load_position", "m", "position of the load, behind the play", output=True,
+                Role("load", "m", "position of the load, behind the play", output=True,
                      alternatives=("rad", "1", "V")),
             ),
             (
                 ParameterSpec(
-                    "backlash", "m", "width of the play, as the load moves", minimum=0.0,
-                    ratio=("load_position", "1"), remedy=_BACK,
+                    "play", "m", "width of the play, as the load moves", minimum=0.0,
+                    ratio=("load", "1"), remedy=_BACK,
                 ),
                 ParameterSpec(
                     "ratio", "1", "way of the load per way of the drive in contact",
-                    ratio=("load_position", "drive_position"),
+                    ratio=("load", "drive"),
                     remedy="Move the drive by many times the play.",
+                ),
+                ParameterSpec(
+                    "offset", "m", "load where the drive is at zero, in the middle of the play",
+                    ratio=("load", "1"),
                 ),
             ),
         ),
     )  # fmt: skip
-    options_type = FamilyOptions
-    steady_offset = True
+    options_type = BacklashOptions
 
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request[FamilyOptions]
-    ) -> Solution[FamilyOptions]:
-        """Fit play and ratio; see :meth:`Family.estimate`."""
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[BacklashOptions]
+    ) -> Solution[BacklashOptions]:
+        """Fit play, ratio and offset; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
+        _check_offset(request)
+        level = request.fixed.get("offset")
         model = PlayModel(
-            [e.sampled("drive_position") for e in experiments],
-            [e.sampled("load_position") for e in experiments],
-        )
+            [e.sampled("drive") for e in experiments], [e.sampled("load") for e in experiments],
+            level,
+        )  # fmt: skip
         _refuse_rest(model, variant, experiments[0], request.fixed)
         tried = sorted((model.start(share) for share in _SHARES), key=lambda found: found[1])
         starts = [start for start, _ in tried[:3]]
         size = abs(starts[0]["ratio"])
         span = size * max(float(np.ptp(x)) for x in model.drives)
-        names = ("backlash", "ratio")
+        names = ("play", "ratio")
         fitted = fit_named(
             NamedModel(
                 names, (), model.columns, model.loads, model.slopes,
-                resolutions=[e.signals["load_position"].resolution for e in experiments],
+                resolutions=[e.signals["load"].resolution for e in experiments],
                 logs=[e.log for e in experiments],
             ),
             variant.parameters, request,
-            make_unknowns(variant.parameters, names, {"backlash": 0.01 * span, "ratio": size},
-                          request, {"backlash": (0.0, 2.0 * span)}),
-            starts, sensible={"backlash": 0.25 * span},
-            idle={"backlash": size * max(map(_way_back, model.drives))},
+            make_unknowns(variant.parameters, names, {"play": 0.01 * span, "ratio": size},
+                          request, {"play": (0.0, 2.0 * span)}),
+            starts, sensible={"play": 0.25 * span},
+            idle={"play": size * max(map(_way_back, model.drives))},
         )  # fmt: skip
         _refuse_lead(fitted, variant)
-        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive_position"])
+        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive"])
         units = experiments[0].units
-        parameters, order, matrix = fitted.quantities(variant.parameters, units)
+        whole = _with_offset(fitted, model)
+        parameters, order, matrix = whole.quantities(variant.parameters, units)
         logs, notices = fitted.compare_logs(experiments)
         return make_solution(
-            self.simulate, experiments, variant, request.options, parameters, order,
-            NoiseModel(matrix, fitted.independent),
-            jacobians=[{"load_position": j} for j in fitted.sensitivity()],
-            derived=fitted.derive({"lost_motion": units["drive_position"]}, _lost_motion),
+            self.simulate, experiments, variant,
+            replace(request.options, offset_of="log" if level is None else "file"), parameters,
+            order, NoiseModel(matrix, fitted.independent, _drive_noise(model)),
+            jacobians=[{"load": j} for j in fitted.sensitivity()],
+            derived=fitted.derive({"lost_motion": units["drive"]}, _lost_motion),
             notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
         )  # fmt: skip
 
     def simulate(
         self,
-        plant: Plant[FamilyOptions],
+        plant: Plant[BacklashOptions],
         experiments: Sequence[Experiment],
         offset: float | None = None,
     ) -> list[Simulated]:
         """Load from drive; see :meth:`Family.simulate`."""
         out = []
         for e in experiments:
-            y = e.sampled("load_position") if "load_position" in e else None
-            f = _follow(plant, e, y)
+            y = e.sampled("load") if "load" in e else None
+            f, level = _follow(plant, e, y), plant.numbers["offset"]
             if y is None:
-                level, output = offset or 0.0, f.path + (offset or 0.0)
+                output = f.path + level
             else:
-                level = float(np.mean((y - f.path)[f.begins :] if f.begins < y.size else y))
+                if plant.options.offset_of == "log":
+                    level = float(np.mean((y - f.path)[f.begins :] if f.begins < y.size else y))
                 output = f.path + level
                 output[: f.begins] = np.mean(y[: f.begins]) if f.begins else 0.0
             out.append(Simulated(output, offset=level))
         return out
 
-    def unmodelled_effects(self, plant: Plant[FamilyOptions]) -> Sequence[UnmodelledEffect]:
+    def unmodelled_effects(self, plant: Plant[BacklashOptions]) -> Sequence[UnmodelledEffect]:
         """A load that moves inside the play; see :meth:`Family.unmodelled_effects`."""
         return [
             UnmodelledEffect(
@@ -273,13 +325,13 @@ class Backlash(Family[FamilyOptions]):
             )
         ]  # fmt: skip
 
-    def model(self, plant: Plant[FamilyOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
+    def model(
+        self, plant: Plant[BacklashOptions], sample_time: float, hold: Hold
+    ) -> dict[str, Any]:
         """The play as a controller runs it."""
         v = plant.numbers
-        lost = v["backlash"] / abs(v["ratio"])
-        return {
-            "play": {"half_width": 0.5 * v["backlash"], "ratio": v["ratio"], "lost_motion": lost}
-        }
+        lost = v["play"] / abs(v["ratio"])
+        return {"play": {"half_width": 0.5 * v["play"], "ratio": v["ratio"], "lost_motion": lost}}
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Nothing to design; see :meth:`Family.excitation`."""
@@ -289,21 +341,21 @@ class Backlash(Family[FamilyOptions]):
 
     def static_view(
         self,
-        plant: Plant[FamilyOptions],
+        plant: Plant[BacklashOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
     ) -> StaticView:
         """Load less what it would be without play, over the drive, and both sides of the play."""
         v, units = plant.numbers, experiments[0].units
-        x = np.concatenate([e.sampled("drive_position") for e in experiments])
-        y = np.concatenate([e.sampled("load_position") for e in experiments])
+        x = np.concatenate([e.sampled("drive") for e in experiments])
+        y = np.concatenate([e.sampled("load") for e in experiments])
         level = np.concatenate([np.full(s.output.size, s.offset) for s in simulated])
         found = np.concatenate([s.output for s in simulated])
         ends, free = np.array([x.min(), x.max()]), v["ratio"] * x + level
-        half = np.full(2, 0.5 * v["backlash"])
+        half = np.full(2, 0.5 * v["play"])
         return StaticView(
-            "drive_position", units["drive_position"], "load_position - ratio drive_position",
-            units["load_position"], x, y - free, found - free, np.isfinite(y),
+            "drive", units["drive"], "load - ratio drive",
+            units["load"], x, y - free, found - free, np.isfinite(y),
             [Curve("pushed up", ends, -half), Curve("pushed down", ends, half)],
         )  # fmt: skip
 
@@ -312,14 +364,36 @@ class Backlash(Family[FamilyOptions]):
         return BacklashBlock(document, variant)
 
 
+def _check_offset(request: Request[BacklashOptions]) -> None:
+    """Refuse bounds of the offset, which follows from the other values (``UsageError``)."""
+    if "offset" in request.bounds:
+        raise UsageError(
+            "the offset of the load follows from its readings: it has no bounds",
+            remedy="Leave --bounds offset out, or give --fix offset=VALUE.",
+        )
+
+
+def _with_offset(fitted: Fitted, model: PlayModel) -> Fitted:
+    """The fit with the mean offset of its logs among its values, the last of them."""
+    if model.level is not None:
+        given = {"offset": model.level}
+        return replace(fitted, values={**fitted.values, **given}, fixed={**fitted.fixed, **given})
+    offset, column = model.offset(fitted)
+    matrix = np.vstack((np.column_stack((fitted.covariance, column[:-1])), column))
+    return replace(
+        fitted, values={**fitted.values, "offset": offset}, names=(*fitted.names, "offset"),
+        covariance=matrix,
+    )  # fmt: skip
+
+
 def _lost_motion(v: Values) -> dict[str, Any]:
     """Way of the drive from one side of the play to the other."""
-    return {"lost_motion": v["backlash"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
+    return {"lost_motion": v["play"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
 
 
 def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) -> Followed:
     v = plant.numbers
-    return follow(e.sampled("drive_position"), v["ratio"], v["backlash"], load)
+    return follow(e.sampled("drive"), v["ratio"], v["play"], load)
 
 
 def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitted:
@@ -339,17 +413,23 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
     counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
     out = replace(fitted, covariance=total, intervals={} if counts else fitted.intervals)
     # a load that follows more noise lies higher: the estimate makes up for it
-    shift = -dict(zip(fitted.names, moved.mean(axis=0).tolist())).get("backlash", 0.0)
-    if not shift or abs(shift) <= _MATTERS * (sure := out.half_width("backlash")):
+    shift = -dict(zip(fitted.names, moved.mean(axis=0).tolist())).get("play", 0.0)
+    if not shift or abs(shift) <= _MATTERS * (sure := out.half_width("play")):
         return out
     noise = drive.text(max(map(max, errors)), ".2g")
     text = (
-        f"'drive_position' carries noise of about {noise} rms, which pushes the load like motion: "
+        f"'drive' carries noise of about {noise} rms, which pushes the load like motion: "
         f"backlash comes out too {'wide' if shift > 0.0 else 'narrow'} by {abs(shift):.2g} or "
         f"more, with an interval of ± {sure:.2g}. Record the drive with a cleaner sensor, or "
         "let it move further than its noise from one sample to the next."
     )
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
+
+
+def _drive_noise(model: PlayModel) -> dict[str, NoiseLevel]:
+    """Noise of the drive, which the interval allows for."""
+    noise = max(_reading_errors(x)[0] for x in model.drives)
+    return {"drive": NoiseLevel(noise, 0.1)} if noise else {}
 
 
 def _reading_errors(readings: FloatArray) -> tuple[float, float]:
@@ -366,7 +446,7 @@ def _disturbed(
     rng: np.random.Generator,
 ) -> list[FloatArray]:  # fmt: skip
     """Change of every load, shape ``(n,)``, with other errors of its drive; the mean left out."""
-    ratio, backlash = fitted.values["ratio"], fitted.values["backlash"]
+    ratio, backlash = fitted.values["ratio"], fitted.values["play"]
     out = []
     for x, y, (noise, step) in zip(model.drives, model.loads, errors):
         now = follow(x, ratio, backlash, y)
@@ -383,10 +463,10 @@ def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any)
     """Distance of the drive from the middle of the play: a spring takes a share of it along."""
     out = []
     for e in experiments:
-        f = _follow(plant, e, e.sampled("load_position"))
-        place = plant.numbers["ratio"] * e.sampled("drive_position") - f.path
+        f = _follow(plant, e, e.sampled("load"))
+        place = plant.numbers["ratio"] * e.sampled("drive") - f.path
         place[: f.begins] = 0.0
-        out.append({"load_position": place})
+        out.append({"load": place})
     return out
 
 
@@ -405,24 +485,24 @@ def _refuse_rest(model: PlayModel, variant: Variant, e: Experiment, given: Value
         map(np.less_equal, map(np.ptp, model.loads), least)
     ):
         refuse(variant.parameter("ratio"), "the drive or the load rests in every log.")
-    if "backlash" not in given and all(map(np.less_equal, map(_way_back, model.loads), least)):
-        back = e.signals["drive_position"].text(max(map(_way_back, model.drives)))
+    if "play" not in given and all(map(np.less_equal, map(_way_back, model.loads), least)):
+        back = e.signals["drive"].text(max(map(_way_back, model.drives)))
         refuse(
-            variant.parameter("backlash"), "in no log does the load go both ways. The drive turns "
+            variant.parameter("play"), "in no log does the load go both ways. The drive turns "
             f"back by {back} at most, which does not cross the play.",
         )  # fmt: skip
 
 
 def _refuse_lead(fitted: Fitted, variant: Variant) -> None:
     """Refuse a width of zero that explains little because the load turns back before the drive."""
-    if "backlash" not in fitted.names or fitted.values["backlash"] > 0.0:
+    if "play" not in fitted.names or fitted.values["play"] > 0.0:
         return
-    k, found = fitted.names.index("backlash"), fitted.solution
+    k, found = fitted.names.index("play"), fitted.solution
     table, rest = np.vstack(found.jacobian), np.concatenate(found.residuals)
     free = np.linalg.lstsq(table, rest, rcond=None)[0]
     if free[k] < 0.0 and np.sum((rest - table @ free) ** 2) < _LED * np.sum(rest**2):
         refuse(
-            variant.parameter("backlash"), "the load turns back before the drive does. Are the two "
+            variant.parameter("play"), "the load turns back before the drive does. Are the two "
             "columns swapped, or is the drive recorded late?",
         )  # fmt: skip
 
@@ -446,33 +526,33 @@ class BacklashBlock(SteppedBlock):
         self._path: float | None = None
         self._wanted, self._side = np.nan, 0.0
 
-    def __call__(self, drive_position: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
-        """Load on a side of the play, shape of ``drive_position``."""
-        self.watch(drive_position=drive_position)
-        v, x = self.numbers(), np.asarray(drive_position, dtype=float)
-        return np.asarray(v["ratio"] * x + self.offset - 0.5 * np.sign(direction) * v["backlash"])
+    def __call__(self, drive: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Load on a side of the play, shape of ``drive``."""
+        self.watch(drive=drive)
+        v, x = self.numbers(), np.asarray(drive, dtype=float)
+        return np.asarray(v["ratio"] * x + v["offset"] - 0.5 * np.sign(direction) * v["play"])
 
-    def inverse(self, load_position: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
-        """Drive that holds a load on a side of the play, shape of ``load_position``."""
-        self.watch(load_position=load_position)
-        v, y = self.numbers(), np.asarray(load_position, dtype=float)
-        away = 0.5 * np.sign(direction) * v["backlash"] - self.offset
+    def inverse(self, load: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Drive that holds a load on a side of the play, shape of ``load``."""
+        self.watch(load=load)
+        v, y = self.numbers(), np.asarray(load, dtype=float)
+        away = 0.5 * np.sign(direction) * v["play"] - v["offset"]
         return np.asarray((y + away) / v["ratio"])
 
     def _step(self, value: float) -> float:
         """Advance the load; see :meth:`.SteppedBlock.step`."""
         v = self.numbers()
-        u, half = v["ratio"] * value, 0.5 * v["backlash"]
+        u, half = v["ratio"] * value, 0.5 * v["play"]
         self._path = u if self._path is None else min(max(self._path, u - half), u + half)
-        return self._path + self.offset
+        return self._path + v["offset"]
 
-    def drive_for(self, load_position: float) -> float:
+    def drive_for(self, load: float) -> float:
         """Drive that takes the load to the next wanted position: the right inverse of the play.
 
         It crosses the play where the wanted position turns back, and stays on its side while that
         rests; in the middle of the play until it has moved.
         """
-        wanted = self.sample("load_position", load_position)
+        wanted = self.sample("load", load)
         if wanted != self._wanted:
             self._side = float(np.sign(np.nan_to_num(wanted - self._wanted)))
         self._wanted = wanted
@@ -481,8 +561,8 @@ class BacklashBlock(SteppedBlock):
     def predict(self, experiment: Experiment) -> FloatArray:
         """Load of a recording from its drive; see :meth:`.Block.predict`."""
         v = self.numbers()
-        x = experiment.sampled("drive_position")
-        return follow(x, v["ratio"], v["backlash"]).path + self.offset
+        x = experiment.sampled("drive")
+        return follow(x, v["ratio"], v["play"]).path + v["offset"]
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
         """All of them; see :meth:`.Block.methods`."""
@@ -491,10 +571,11 @@ class BacklashBlock(SteppedBlock):
 
     def routines(self) -> Sequence[Routine]:
         """Both ways: with the side of the play kept from call to call, and on a given one."""
-        v, offset = self.numbers(), constant("offset", self.offset)
-        half, ratio = constant("half_width", 0.5 * v["backlash"]), constant("ratio", v["ratio"])
-        drive = self.argument("drive_position", "position of the drive")
-        load = self.argument("load_position", "wanted position of the load")
+        v = self.numbers()
+        offset, ratio = constant("offset", v["offset"]), constant("ratio", v["ratio"])
+        half = constant("half_width", 0.5 * v["play"])
+        drive = self.argument("drive", "position of the drive")
+        load = self.argument("load", "wanted position of the load")
         way = Argument(
             "direction", "1", "1 pushed up, -1 down, 0 in the middle of the play", -1.0, 1.0
         )
