@@ -78,6 +78,20 @@ class Command(FittingHelp):
         every = [*params, _help_all()] if self.is_short else params
         super().__init__(name, params=every, **kwargs)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice and holds one value: which one is meant?"""
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(list(args))
+            for param in dict.fromkeys(given):
+                single = isinstance(param, click.Option) and not (
+                    param.multiple or param.is_flag or param.count
+                )
+                if single and given.count(param) > 1:
+                    words = [word.partition("=")[0] for word in args]
+                    said = next((w for w in words if w in param.opts), param.opts[0])
+                    raise click.UsageError(f"{said} was given twice. Keep one of them.", ctx)
+        return super().parse_args(ctx, args)
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section per heading, in the order of the options."""
         shown = [p for p in self.get_params(ctx) if not isinstance(p, click.Argument)]

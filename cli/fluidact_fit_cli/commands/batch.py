@@ -92,7 +92,8 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
         closing(Progress(params["quiet"], params["verbose"], lines=True)) as progress,
         _pool(params, progress) as pool,
     ):
-        note_written([folder])  # an interrupted batch keeps what it has, and resumes from there
+        if not target.exists() or target.is_dir():
+            note_written([folder])  # an interrupted batch keeps what it has, and resumes from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
             source=Path(jobs_file) if jobs_file else None, asked_by=asked_by,

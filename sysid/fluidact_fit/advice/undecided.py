@@ -174,12 +174,10 @@ def _needs_unit(log: Log, role: Role, candidates: Iterable[Column]) -> bool:
 def _basis(candidates: Mapping[str, Sequence[Column]]) -> str:
     """Say which columns no unit and no name assigns to a role."""
     columns = {c.index: c for found in candidates.values() if len(found) > 1 for c in found}
+    if not columns:
+        return "Names and units leave one column for each role, but do not tell its unit."
     names = name_columns([columns[index] for index in sorted(columns)])
-    return (
-        f"Neither names nor units tell what {names} are."
-        if columns
-        else ("Names and units leave one column for each role, but do not tell its unit.")
-    )
+    return f"Neither names nor units tell what {names} are."
 
 
 def _without_copies(signals: Sequence[Column]) -> list[Column]:

@@ -227,3 +227,12 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
                     expected=f"{spec.minimum:g} to {spec.maximum:g}{after_number(spec.unit)}",
                     remedy="Give a value inside it (SI units).",
                 )
+    for option, values in (("--fix", request.fixed), ("--start", request.start)):
+        for name in values.keys() & request.bounds.keys():
+            low, high = request.bounds[name]
+            if not low <= values[name] <= high:
+                said = f"--bounds {name}={low:g}:{high:g}"
+                raise UsageError(
+                    f"{option} {name}={values[name]:g} lies outside {said}",
+                    remedy="Give a value between the bounds, or leave one of the options out.",
+                )

@@ -146,7 +146,7 @@ def _contradiction(given: str, header: str, binding: Binding) -> str | None:
         references = {pressure_reference(given), pressure_reference(header)} - {""}
         if len(references) > 1:
             return "one is above the atmosphere and one above vacuum"
-        if math.isclose(abs(binding.scale) * factor, 1.0, rel_tol=1e-6):
+        if factor == 1.0 or math.isclose(abs(binding.scale) * factor, 1.0, rel_tol=1e-6):
             return None
         return f"1 {given} is {factor:.6g} {header}"
     if is_share(given) and is_share(header):

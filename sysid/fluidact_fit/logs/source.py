@@ -112,6 +112,8 @@ def read_bytes(path: Path) -> tuple[bytes, str]:
 def _read_raw(path: Path) -> bytes:
     try:
         if str(path) == "-":
+            if sys.stdin is None:
+                raise _refusal("standard input is closed.", "-", "Give the name of a file.")
             return sys.stdin.buffer.read()
         if path.is_dir():
             raise _refusal("this is a folder.", str(path), _file_in(path))

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import UsageError
-from ..experiment import BoolArray
+from ..experiment import BoolArray, FloatArray
 from .grid import Run
-from .log import MIN_RUN, Column, Exclusion, Log, StepInput
+from .log import MIN_RUN, Column, Exclusion, IntArray, Log, StepInput
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _LONGEST_NAME = 4096  # characters of a file name
@@ -32,7 +32,9 @@ def parse_exclusion(text: str) -> Exclusion:
         if kind == "run" and not colon:
             return Exclusion(kind, _whole(low), _whole(low))
         if kind in ("lines", "rows"):
-            return Exclusion(kind, _whole(low), _whole(high if colon else low))
+            first, last = _whole(low), _whole(high if colon else low)
+            if first <= last:
+                return Exclusion(kind, first, last)
         if kind == "time" and colon:
             ends = float(low or "-inf"), float(high or "inf")
             if ends[0] < ends[1] and (low or high):
@@ -109,7 +111,10 @@ def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
     places = {"lines": log.lines, "rows": 1 + np.arange(log.rows)}
     for x in exclusions:
         if x.kind in places:
-            kept &= (places[x.kind] < x.low) | (places[x.kind] > x.high)
+            numbers = places[x.kind]
+            if not numbers.size or x.low > numbers[-1] or x.high < numbers[0]:
+                raise _nothing_there(log, x, f"Its data are {x.kind} {_extent(numbers)}.")
+            kept &= (numbers < x.low) | (numbers > x.high)
     if kept.all():
         return log
     if not kept.any():
@@ -119,6 +124,20 @@ def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
     left_out = tuple(sorted([*account.left_out, *out]))
     account = replace(account, data_rows=int(kept.sum()), left_out=left_out)
     return replace(with_rows(log, kept), account=account)
+
+
+def _nothing_there(log: Log, x: Exclusion, expected: str) -> UsageError:
+    ends = dict.fromkeys((x.low, x.high))
+    what = ":".join("" if math.isinf(end) else f"{end:g}" for end in ends)
+    return UsageError(
+        f"--exclude {x.kind}={what} leaves out nothing of {log.name}.", expected=expected,
+        remedy="Correct it, or name the log of several that it is for: "
+        f"--exclude 'LOG:{x.kind}={what}'.",
+    )  # fmt: skip
+
+
+def _extent(values: FloatArray | IntArray) -> str:
+    return f"{values[0]:g} to {values[-1]:g}" if values.size else "none"
 
 
 def with_rows(log: Log, kept: BoolArray) -> Log:
@@ -151,8 +170,17 @@ def exclude_runs(log: Log, runs: Sequence[Run]) -> list[Run]:
             remedy="See `fluidact-fit inspect`; runs are counted from 1.",
         )
     left = [run for number, run in enumerate(runs, start=1) if number not in dropped]
+    timed = [run.time for run in runs if run.time.size]
     for x in log.exclude:
         if x.kind == "time":
+            # what a window has taken away need not be there
+            if (
+                timed
+                and log.window is None
+                and not any(((t >= x.low) & (t <= x.high)).any() for t in timed)
+            ):
+                ends = np.array([min(t[0] for t in timed), max(t[-1] for t in timed)])
+                raise _nothing_there(log, x, f"Its time runs from {_extent(ends)} s.")
             left = [part for run in left for part in _apart(run, x)]
     if not left:
         raise UsageError(f"--exclude leaves out all of {log.name}.", remedy="Leave out less.")

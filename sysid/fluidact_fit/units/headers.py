@@ -35,6 +35,9 @@ _SIZE = re.compile(
     r"|(?<![\w.,/])(?:1/)?10{1,9} ?(?:[*×]|x(?!\w))|(?:^|(?<= ))/ ?10{1,9}(?![\w.,])"
 )
 
+# The symbol of a quantity behind its name, and the unit: "Strom I/mA", "Druck p_A/bar".
+_SYMBOL = re.compile(r"(?P<symbol>[^\W\d_]\w{0,3})/(?P<unit>\S+)")
+
 _SIZES = r"[0-9]{1,9}/[0-9]{1,9}|0?[.,][0-9]{1,9}|1e-[0-9]|10\^-?[0-9]|10{1,9}"
 
 # Suffixes that mean a unit behind an underscore. ``A``, ``a``, ``in``, ``g`` and ``min``
@@ -365,7 +368,13 @@ def _marked(text: str) -> tuple[str, str] | None:
 
 
 def _stroke(text: str) -> tuple[str, str] | None:
-    """Name and unit of ``t/ms`` and ``F/kn``, but not of ``m/s``."""
+    """Name and unit of ``t/ms``, ``F/kn`` and ``Strom I/mA``, but not of ``m/s``."""
+    words, space, last = text[-2 * LONGEST :].rpartition(" ")
+    if space and words.strip() and (symbol := _SYMBOL.fullmatch(last)):
+        unit = symbol["unit"]
+        said = unit not in _PARTS and fold(unit) not in REMARKS and means_unit(unit)
+        if said and normalise_unit(symbol["symbol"]) not in TABLE and not means_unit(last):
+            return text[: len(text) - len(unit) - 1], unit
     name, sign, unit = text.partition("/")
     if not (sign and name.isalpha()) or (name != _TIME and normalise_unit(name) in TABLE):
         return None
