@@ -117,7 +117,9 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
     for signal in inputs:
         yield from _input_shapes(at, signal)
     if not all(e.time.size for e in at.experiments):
-        return  # rows without an order
+        for signal in inputs:
+            yield _late_by_rows(at, signal.role)
+        return  # rows that need not be in order
     step = min(e.sample_time for e in at.experiments)
     for role in at.driving:
         yield from _late(at, role, step)
@@ -317,6 +319,17 @@ def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
             early = at.change([_shifted(e, role, -1) for e in runs])
             return [(a - b) / (2.0 * step) for a, b in zip(late, early, strict=True)]
     return [c / (_SHIFT * step) for c in near]
+
+
+def _late_by_rows(at: Optimum, role: str) -> Term:
+    """An input that acts rows later than recorded, in logs without a time."""
+    late, early = (at.change([_shifted(e, role, k) for e in at.experiments]) for k in (1, -1))
+
+    def words(size: float) -> str:
+        return f"'{role}' acts {abs(size):.2g} rows {'later' if size > 0.0 else 'earlier'}"
+
+    columns = [0.5 * (a - b) for a, b in zip(late, early, strict=True)]
+    return Term(f"delay of {role}", "1", words, _CLOCK, columns)
 
 
 def _shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
