@@ -653,3 +653,19 @@ def test_a_written_number_reads_back(number: float) -> None:
 def test_only_a_unit_that_nobody_uses_is_doubted(unit: str, said: str) -> None:
     assert unit_doubt(unit).endswith(said)
     assert bool(unit_doubt(unit)) is bool(said)
+
+
+@pytest.mark.parametrize(
+    ("header", "found"),
+    [
+        ("Strom I/mA", ("Strom I", "mA")), ("Druck p1/bar", ("Druck p1", "bar")),
+        ("Ansteuerung U/V", ("Ansteuerung U", "V")), ("Kraft F/kN", ("Kraft F", "kN")),
+        ("Position x/y", ("Position x/y", None)), ("Kanal A/D", ("Kanal A/D", None)),
+        ("speed m/s", ("speed", "m/s")), ("Drehzahl tr/mn", ("Drehzahl", "tr/mn")),
+    ],
+)  # fmt: skip
+def test_a_symbol_stands_between_a_name_and_its_unit(
+    header: str, found: tuple[str, str | None]
+) -> None:
+    """As DIN 1313 writes a quantity over its unit."""
+    assert units.parse_unit_from_header(header) == found

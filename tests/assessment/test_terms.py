@@ -6,9 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from line_simulator import line_log, steps
+from scipy import stats
 
+import fluidact_fit as ff
 from fluidact_fit.assessment.optimum import Optimum, Series
-from fluidact_fit.assessment.score_test import Score, judge_term
+from fluidact_fit.assessment.score_test import Score, as_normal, judge_term
 from fluidact_fit.assessment.terms import terms_at_any_time
 from fluidact_fit.estimation.unmodelled_effects import initial_states, output_offset
 from fluidact_fit.experiment import Experiment, Signal
@@ -77,3 +80,37 @@ def test_an_initial_state_that_was_left_out_is_found_with_its_size(start: float)
     if start:
         assert score.deviations > 10.0
         assert abs(score.size) == pytest.approx(start, rel=0.1)
+
+
+@pytest.mark.parametrize("change", [0.0, 0.08])
+def test_a_gain_that_changes_while_a_log_is_recorded_is_said(change: float) -> None:
+    """An output that fades evenly: its mean gain is right, and no part of the log has it."""
+    said = []
+    for seed in range(4):
+        rng = np.random.default_rng([31, seed])
+        log = line_log(rng, steps(rng, 0.3, 1.0, 0.01), time_constant=0.12, dead_time=0.0147,
+                       step=0.01, span=20.0, noise=0.0)  # fmt: skip
+        fading = 1.0 + change * (0.5 - log["time"] / log["time"][-1])
+        outlet = fading * log["outlet"] + 0.02 * rng.standard_normal(fading.size)
+        notices = ff.fit("line", {**log, "outlet": outlet}, hold={"inlet": "zoh"}).notices
+        said.append(any("gain changes by -0.0" in n.message for n in notices))
+    assert said == 4 * [bool(change)]
+
+
+@pytest.mark.parametrize("degrees", [8, 20, 200])
+@pytest.mark.parametrize("chosen", [1, 2, 9])
+def test_deviations_are_those_of_a_normal_variable_that_are_as_rare(
+    degrees: int, chosen: int
+) -> None:
+    """Student's t of one direction, F of the best of several, against the distributions."""
+    for rare in (1e-2, 1e-4, 1e-6):
+        if chosen == 1:
+            found = as_normal(stats.t.isf(rare / 2.0, degrees), 1, degrees)
+            assert found == pytest.approx(stats.norm.isf(rare / 2.0), rel=0.02)
+            continue
+        left = degrees - chosen + 1
+        if left < 8:
+            continue
+        ratio = stats.f.isf(rare, chosen, left)
+        found = as_normal(np.sqrt(chosen * ratio * degrees / left), chosen, degrees)
+        assert found == pytest.approx(stats.norm.isf(rare), rel=0.06)

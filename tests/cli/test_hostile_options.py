@@ -162,3 +162,35 @@ def test_a_nul_is_blamed(words: list[str], here: Run) -> None:
     done = here(*words)
     assert done.status == 2
     assert "holds a NUL" in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--window", "0:1", "--window", "1:2"], "--window was given twice"),
+        (["--seed", "1", "--seed=2"], "--seed was given twice"),
+        (["-o", "a.yaml", "-o", "b.yaml"], "-o was given twice"),
+        (["--fix", "gain=1", "--bounds", "gain=2:3"], "lies outside --bounds gain=2:3"),
+        (["--start", "gain=3", "--bounds", "gain=0:2"], "--start gain=3 lies outside --bounds"),
+        (["--exclude-rows", "600"], "leaves out nothing of log.csv"),
+        (["--exclude", "rows=5:3"], "is not understood"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(
+    options: list[str], told: str, here: Run, inside: Path
+) -> None:
+    done = here(*dataset("line", 300, inside / "log.csv"), *options)
+    assert (done.status, done.out) == (2, "")
+    assert told in done.err
+    assert [p.name for p in inside.iterdir()] == ["log.csv"]
+
+
+@pytest.mark.parametrize("headers", ["time [s],p1,outlet [bar]", "time [s],,outlet [bar]",
+                                     "time [s],foo,bar", "time [s],inlet [bar],"])  # fmt: skip
+def test_a_role_without_a_column_is_named(headers: str, here: Run, inside: Path) -> None:
+    dataset("line", 300, inside / "log.csv")
+    text = (inside / "log.csv").read_text(encoding="utf-8")
+    (inside / "log.csv").write_text(headers + text[text.index("\n") :], encoding="utf-8")
+    done = here("line", "log.csv")
+    assert done.status == 3
+    assert "no column is named" in done.err

@@ -32,6 +32,13 @@ def shell(redirections: str, *args: str, **more: Any) -> subprocess.CompletedPro
     )  # fmt: skip
 
 
+def test_a_log_from_a_closed_standard_input_is_refused(tmp_path: Path) -> None:
+    done = shell("0<&-", "line", "-", "-o", "line.yaml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "standard input is closed" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("redirections", "options", "status", "told"),
     [

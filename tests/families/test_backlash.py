@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import fluidact_fit as ff
 from fluidact_fit.control import make_block
-from fluidact_fit.errors import NotIdentifiedError
+from fluidact_fit.errors import NotIdentifiedError, UsageError
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.backlash import BacklashBlock, PlayModel, follow
 from fluidact_fit.result import FitResult
@@ -216,10 +216,40 @@ def test_what_looks_like_play_is_said(fault: dict[str, Any], code: str) -> None:
     assert code in codes(result)
 
 
+def test_a_load_that_is_a_row_late_is_said_without_a_time() -> None:
+    log = stroke(1, late=1, noise=2e-5)
+    said = ff.fit("backlash", {n: log[n] for n in ("drive", "load")})
+    assert "unmodelled-response" in codes(said)
+    assert any("rows" in n.message for n in said.notices if n.code == "unmodelled-response")
+    right = stroke(1, noise=2e-5)
+    assert not codes(ff.fit("backlash", {n: right[n] for n in ("drive", "load")}))
+
+
+@pytest.mark.parametrize("drive_noise", [5e-6, 2e-5, 1e-4])
+def test_noise_of_the_drive_is_no_feedback(drive_noise: float) -> None:
+    """It pushes the load in the model, not in the machine: the residual leads its reading."""
+    for seed in range(4):
+        found = ff.fit("backlash", [stroke(seed, drive_noise=drive_noise)])
+        assert "closed-loop" not in codes(found)
+
+
+def test_the_offset_is_that_of_the_logs_and_may_be_given() -> None:
+    logs = [stroke(1), stroke(2)]
+    offset = ff.fit("backlash", logs).parameters["offset"]
+    assert abs(offset.number - 3e-3) < 4.0 * offset.std_error
+    assert offset.std_error < 2.0 * NOISE / np.sqrt(1400) + 1e-5
+    given = ff.fit("backlash", logs, fixed={"offset": 3e-3})
+    assert given.parameters["offset"].status == "fixed"
+    assert given.verdict == "pass"
+    off = ff.fit("backlash", logs, fixed={"offset": 4e-3})
+    assert off.document.fit.rmse.value > 5.0 * given.document.fit.rmse.value
+    with pytest.raises(UsageError, match="has no bounds"):
+        ff.fit("backlash", logs, bounds={"offset": (0.0, 1.0)})
+
+
 def test_drive_and_load_taken_for_each_other_are_refused() -> None:
     log = stroke(drive_noise=NOISE)
-    swapped = {**log, "drive": log["load"],
-               "load": log["drive"]}  # fmt: skip
+    swapped = {**log, "drive": log["load"], "load": log["drive"]}
     with pytest.raises(NotIdentifiedError, match="columns swapped"):
         ff.fit("backlash", swapped)
 

@@ -49,3 +49,30 @@ def test_a_column_that_is_named_keeps_the_hold_of_the_file(tmp_path: Path) -> No
         simulate_logs(document, [ff.read_log(path, **how)])[0] for how in ({}, {"columns": columns})
     )
     np.testing.assert_array_equal(named.simulated, plain.simulated)
+
+
+def test_an_edge_that_a_noisy_force_never_reaches_is_refused() -> None:
+    """Its derivative is zero, and a correction for the noise of the force has nothing to solve."""
+    mass, damping, edges, fine = 84.0, 1210.0, (-10.0, 8.0), 20
+    for seed in range(3):
+        rng = np.random.default_rng([12, seed])
+        t = 1e-3 * np.arange(600 * fine)
+        turn = rng.uniform(0.0, 2.0 * np.pi, 3)
+        waves = np.sin(2.0 * np.pi * np.array([0.31, 0.83, 1.9]) * t[:, None] + turn).sum(axis=1)
+        force = -14.0 + 5.0 * waves
+        assert force.max() < edges[1]
+        pushed = np.minimum(force - edges[0], 0.0) + np.maximum(force - edges[1], 0.0)
+        decay, speed, place, x = np.exp(-1e-3 * damping / mass), 0.0, 0.0, np.empty(t.size)
+        for k, push in enumerate(pushed.tolist()):
+            x[k] = place
+            speed = push / damping + (speed - push / damping) * decay
+            place += 1e-3 * speed
+        log = {
+            "time": t[::fine], "force": force[::fine] + 0.1 * rng.standard_normal(600),
+            "position": x[::fine] + 1e-5 * rng.standard_normal(600),
+        }  # fmt: skip
+        found = ff.fit("hydrostatic", log).parameters
+        assert found["dead_zone_positive"].status == "not_identified"
+        for name, truth in (("mass", mass), ("damping", damping), ("dead_zone_negative", -10.0)):
+            q = found[name]
+            assert abs(float(q.number) - truth) < 4.0 * float(q.std_error), name

@@ -43,7 +43,6 @@ def two_runs(path: Path) -> Path:
         (["lines=10", "run=2"], [399]),
         (["rows=9:11"], [397, 300]),
         (["rows=401:700"], [400]),
-        (["time=100:200"], [400, 300]),
     ],
 )
 def test_parts_are_left_out(tmp_path: Path, exclude: list[str], sizes: list[int]) -> None:
@@ -52,6 +51,22 @@ def test_parts_are_left_out(tmp_path: Path, exclude: list[str], sizes: list[int]
     assert [e.samples for e in found] == sizes
     for e in found:
         assert np.all(np.diff(e.time) > 0.0)
+
+
+@pytest.mark.parametrize(
+    "exclude", ["time=100:200", "rows=701", "rows=900:950", "lines=800", "lines=702:900"]
+)
+def test_what_names_nothing_is_refused(tmp_path: Path, exclude: str) -> None:
+    log = two_runs(tmp_path / "a.csv")
+    with pytest.raises(UsageError, match=r"leaves out nothing of a\.csv"):
+        ff.fit("valve", log, columns=BOUND, exclude=[exclude])
+
+
+def test_a_window_may_take_away_what_is_left_out(tmp_path: Path) -> None:
+    log = read_log(
+        two_runs(tmp_path / "a.csv"), columns=BOUND, exclude=["time=3:3.5"], window=(0.0, 1.0)
+    )
+    assert [e.samples for e in experiments(log, VALVE)[0]] == [101, 101]
 
 
 def test_lines_left_out_are_accounted_for(tmp_path: Path) -> None:

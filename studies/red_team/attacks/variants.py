@@ -225,9 +225,10 @@ def attacks() -> Iterator[Attack]:
         ("in no order", {"shuffled": True}),
         ("16 points", {"points": 16}),
     ):
+        beyond = {"left": "A part of each step still to come is like hysteresis of that width.",
+                  "shuffled": "Nothing in the rows tells their order."}  # fmt: skip
         yield points(name, record=partial(settled, **more), repetitions=4,
-                     beyond="A part of each step still to come is like hysteresis of that "
-                     "width." if "left" in more else "")  # fmt: skip
+                     beyond=next((beyond[k] for k in more if k in beyond), ""))  # fmt: skip
     for name, odd, unlike in (
         ("opens softly", {"soft": 0.05}, ()),
         ("square root", {"power": 0.8}, ("gain", "curvature")),
@@ -283,6 +284,8 @@ def attacks() -> Iterator[Attack]:
     ):
         p = {**LAGS, **more}
         yield tube("line of second order", name, _as_written(p),
-                   partial(second_order, p=p, third=third), repetitions=4)  # fmt: skip
+                   partial(second_order, p=p, third=third), repetitions=4,
+                   beyond="It fits as well as the truth: a lag of one sample is a dead time."
+                   if third == 0.01 else "")  # fmt: skip
     yield Attack("line", "line of second order", "fitted as first", {"gain": 1.0}, second_order,
                  line.UNITS, repetitions=3)  # fmt: skip

@@ -115,7 +115,7 @@ def _score(
     shares = np.full(values.size, np.inf)  # whatever is added to zero
     np.divide(np.abs(shifts), values, out=shares, where=values > np.finfo(float).tiny)
     worst = int(np.argmax(np.abs(errors)))
-    deviations = _as_normal(size / max(error, 1e-300), term.chosen, degrees)
+    deviations = as_normal(size / max(error, 1e-300), term.chosen, degrees)
     shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
@@ -134,7 +134,7 @@ def _needed_move(term: Term, deviations: float) -> float:
     return policy.TERM_MOVES_ONE_SIDED if seen else policy.TERM_MOVES
 
 
-def _as_normal(deviations: float, chosen: int, degrees: int) -> float:
+def as_normal(deviations: float, chosen: int, degrees: int) -> float:
     """Standard errors of one known direction that are as rare, were their size known exactly.
 
     These are the best of so many directions, in errors of so many ``degrees`` of freedom:
@@ -185,8 +185,10 @@ def _beside_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Sc
 def _notice(at: Optimum, s: Score) -> Notice:
     value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
     share = as_share(s.shift, value)
-    moved = f"would then change by {s.shift:+.3g}{at.unit(s.parameter)}{share}, more than its "
-    moved += "interval allows for"
+    off = f"{s.shift:+.3g}{at.unit(s.parameter)}{share}"
+    moved = f"would then change by {off}, more than its interval allows for"
+    if s.term.changes == s.parameter:
+        moved = f"is then off by {off} at the end, more than its interval allows for"
     if not spec.minimum <= value + s.shift <= spec.maximum:
         moved = "would then leave its range: it cannot be trusted"
     return Notice(

@@ -12,7 +12,7 @@ from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..specification import NoiseLevel
 from .input_noise import Corrected, InputNoise, correct
-from .parametric import Fitted
+from .parametric import DECISIVE, Fitted, no_effect
 from .problem import Problem
 from .results import Refusal, Solved, determine, left_open
 from .whitening import Whitening
@@ -37,6 +37,7 @@ def correct_named(
     *,
     refusals: Sequence[Refusal] = (),
     sensible: Mapping[str, float] | None = None,
+    idle: Mapping[str, float] | None = None,
 ) -> Fitted:
     """Estimate again from inputs with noise, and refuse what they do not determine.
 
@@ -47,8 +48,9 @@ def correct_named(
         parameters that are not held.
     fitted
         The fit that took the input for exact.
-    refusals, sensible
-        As in :func:`.parametric.fit_named`.
+    refusals, sensible, idle
+        As in :func:`.parametric.fit_named`. Noise that adds up in the output explains it better
+        with an effect that is none: without it the value has to lie within reach of its errors.
     """
 
     def solve_with(held: Mapping[str, float]) -> _Attempt:
@@ -60,14 +62,20 @@ def correct_named(
         return _Attempt(found, Solved(values, names, found.covariance, fitted.degrees))
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
-        return left_open(attempt.solved, fitted.specs, sensible or {})
+        solved = attempt.solved
+        near = [
+            no_effect(fitted.specs[n], value, fitted.unknowns[n].low)
+            for n, value in (idle or {}).items() if n in solved.names
+            and abs(solved.values[n] - value) < DECISIVE**0.5 * solved.std_error(n)
+        ]  # fmt: skip
+        return near or left_open(solved, fitted.specs, sensible or {})
 
     # what exact inputs would not determine, those with noise do not: it may act on nothing at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())
     done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=every)
     solved, found = done.solution.solved, done.solution.found
     values = {**solved.values, **fitted.fixed}
-    values |= {n: float(fitted.specs[n].neutral or 0.0) for n in done.refused}
+    values |= {n: r.value(fitted.specs[n]) for n, r in done.refused.items()}
     kept = [n for n in fitted.notices if n.code != "not-identified"]
     level = NoiseLevel(noise.sigma, noise.relative)
     return replace(

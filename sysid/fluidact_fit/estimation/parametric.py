@@ -311,18 +311,20 @@ def _without_effect(
             if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > DECIDED:
                 continue
         rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
-        if rise >= DECISIVE:
-            continue
-        spec = specs[name]
-        if value == unknowns[name].low and spec.neutral == spec.minimum:  # it begins at none
-            out.append(Refusal(name, "the data are explained as well without it."))
-            continue
-        reason = (
-            f"the data are explained as well if it lies beyond {value:.3g} "
-            f"{spec.unit}, where these logs end."
-        )
-        out.append(Refusal(name, reason, value))
+        if rise < DECISIVE:
+            out.append(no_effect(specs[name], value, unknowns[name].low))
     return out
+
+
+def no_effect(spec: ParameterSpec, value: float, low: float) -> Refusal:
+    """Refuse a parameter that may as well be at a ``value`` where it has no effect."""
+    if value == low and spec.neutral == spec.minimum:  # it begins at none
+        return Refusal(spec.name, "the data are explained as well without it.")
+    reason = (
+        f"the data are explained as well if it lies beyond {value:.3g} {spec.unit}, where these "
+        "logs end."
+    )
+    return Refusal(spec.name, reason, value)
 
 
 def _idle_rise(

@@ -275,11 +275,15 @@ def _allow_for_input_noise(
     if noise.sigma == 0.0:
         return replace(plain, remarks={"input_noise": found}), None
     found["treatment"] = "residual whitened, score corrected"
-    sensible = {s.name: s.sensible for s in task.plan.searched if s.sensible is not None}
+    searched = task.plan.searched
 
     def correct(other: Fitted) -> Fitted:
         task.request.progress("allowing for the noise of the input")
-        return correct_named(noise, build, other, refusals=task.plan.refusals, sensible=sensible)
+        return correct_named(
+            noise, build, other, refusals=task.plan.refusals,
+            sensible={s.name: s.sensible for s in searched if s.sensible is not None},
+            idle={s.name: s.idle for s in searched if s.idle is not None},
+        )  # fmt: skip
 
     return replace(correct(fitted), remarks={"input_noise": found}), correct
 

@@ -66,7 +66,8 @@ def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
             *(
                 ParameterSpec(f"coulomb_{way}", "N", f"friction while {way} (magnitude)",
                               neutral=0.0, minimum=0.0,
-                              remedy="Record cycles of the command, up and down over its range.")
+                              remedy="Record cycles of the command, up and down over its range; "
+                              "where a test machine moves the rod, give --motion-state position.")
                 for way in ("loading", "unloading")
             ),
             ParameterSpec("viscous", "N s/m", "viscous friction", neutral=0.0, minimum=0.0,
