@@ -85,17 +85,47 @@ class LocalPool:
         method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
         context = get_context(method)
         context.set_forkserver_preload(self.preload)
+        if method == "forkserver":
+            _start_server()
         reading, writing = context.Pipe(duplex=False)
         pool = ProcessPoolExecutor(workers, context, _prepare, (reading,))
         try:
             yield pool
         except BaseException:
             writing.close()  # the processes leave at once
+            if method == "forkserver":
+                _stop_server()
             raise
         finally:
             pool.shutdown(cancel_futures=True)
             writing.close()
             reading.close()
+
+
+def _start_server() -> None:
+    """Start the server of processes deaf to Ctrl-C, which would break its imports off in public."""
+    import signal
+    from multiprocessing import resource_tracker
+    from multiprocessing.forkserver import ensure_running
+
+    resource_tracker.ensure_running()  # the server wants it, and its start clears the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _stop_server() -> None:
+    """Stop the server, which would go on importing, and then complain of what is gone by then."""
+    import signal
+    from multiprocessing import forkserver
+
+    server = getattr(forkserver, "_forkserver", None)
+    pid = getattr(server, "_forkserver_pid", None)
+    if pid is not None:
+        with suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
 
 
 def _prepare(alive: Connection) -> None:
