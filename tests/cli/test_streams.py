@@ -100,6 +100,26 @@ def test_an_interrupt_while_a_module_is_imported(module: str, valve: Log, inside
     assert [p.name for p in inside.iterdir()] == ["valve.csv"]
 
 
+@pytest.mark.parametrize("after", [1.5, 3.0, 5.0])
+def test_an_interrupted_batch_says_so_and_nothing_else(
+    after: float, valve: Log, inside: Path
+) -> None:
+    """Ctrl-C reaches all its processes, whatever they import or fit."""
+    valve()
+    rows = [f"job{k},valve,valve.csv,--seed {k}" for k in range(8)]
+    (inside / "jobs.csv").write_text("\n".join(["job,family,logs,options", *rows]) + "\n")
+    program = [sys.executable, "-m", "fluidact_fit_cli.main", "batch", "jobs.csv", "-o", "fleet"]
+    run = subprocess.Popen(
+        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    time.sleep(after)
+    os.killpg(run.pid, signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode in (0, 130)
+    assert "Traceback" not in err
+    assert "Interrupted." in err or run.returncode == 0
+
+
 def test_an_interrupt_that_is_ignored_stays_ignored(valve: Log, inside: Path) -> None:
     valve()
     program = [sys.executable, "-m", "fluidact_fit_cli.main", "valve", "valve.csv"]
