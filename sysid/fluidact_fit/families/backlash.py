@@ -330,8 +330,8 @@ class Backlash(Family[BacklashOptions]):
     ) -> dict[str, Any]:
         """The play as a controller runs it."""
         v = plant.numbers
-        lost = v["play"] / abs(v["ratio"])
-        return {"play": {"half_width": 0.5 * v["play"], "ratio": v["ratio"], "lost_motion": lost}}
+        numbers = {"half_width": 0.5 * v["play"], "ratio": v["ratio"], "offset": v["offset"]}
+        return {"play": {**numbers, "lost_motion": v["play"] / abs(v["ratio"])}}
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Nothing to design; see :meth:`Family.excitation`."""
