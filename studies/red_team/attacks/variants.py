@@ -126,16 +126,23 @@ def commanded(
 
     The valve has hysteresis of a ``width`` [V], gives at most ``top`` [V], and lags ``second`` [s].
     """
-    step = 0.01
-    time = np.arange(n) * step
-    at = line.switches(rng, time[-1], 0.3, 1.0)
-    at[1:] = np.round(at[1:] / step) * step
-    levels = rng.uniform(0.0, 10.0, at.size)
+    time, at, levels = _levels(rng, n, 0.0, 10.0)
     given = np.minimum(with_play(levels, width), top)
     lags = [truth["time_constant"], *([second] if second else [])]
     y = _through(lags, truth, at, given, time)
     return [{"time": time, "command": line.held(at, levels, time),
              "outlet": 3e5 + y + sigma * rng.standard_normal(n)}]  # fmt: skip
+
+
+def _levels(
+    rng: np.random.Generator, n: int, low: float, high: float
+) -> tuple[Array, Array, Array]:
+    """Instants of ``n`` samples at 100 Hz, those at which an input changes, and its levels."""
+    step = 0.01
+    time = np.arange(n) * step
+    at = line.switches(rng, time[-1], 0.3, 1.0)
+    at[1:] = np.round(at[1:] / step) * step
+    return time, at, rng.uniform(low, high, at.size)
 
 
 def _through(
@@ -158,11 +165,7 @@ def second_order(
     n: int = 1000,
 ) -> list[Recording]:
     """A line of two lags, and of a ``third`` [s]."""
-    step = 0.01
-    time = np.arange(n) * step
-    at = line.switches(rng, time[-1], 0.3, 1.0)
-    at[1:] = np.round(at[1:] / step) * step
-    levels = rng.uniform(-1.0, 1.0, at.size)
+    time, at, levels = _levels(rng, n, -1.0, 1.0)
     lags = [p["first"], p["second"], *([third] if third else [])]
     y = _through(lags, p, at, levels, time)
     return [{"time": time, "inlet": line.held(at, levels, time),
@@ -242,14 +245,15 @@ def attacks() -> Iterator[Attack]:
     widths = dict.fromkeys((*SERVO, "dead_zone"), 65e-6) | {"gain": 5e5, "time_constant": 0.08}
     edges = partial(
         pulse, options={"dead_zone": "asymmetric"}, scales=widths | {"dead_time": 0.03},
-        fixed={"curvature": 0.0, "command_offset": 1500e-6},
+        fixed={"curvature": 0.0, "command_offset": SERVO["command_offset"]},
         truth={k: v for k, v in SERVO.items() if k != "command_offset"},
     )  # fmt: skip
     yield edges("an edge a direction", record=servo, repetitions=6)
-    even = {**SERVO, "dead_zone_negative": -40e-6, "command_offset": 1507e-6}
+    edge, offset = SERVO["dead_zone_positive"], SERVO["command_offset"] + 7e-6
+    even = {**SERVO, "dead_zone_negative": -edge, "command_offset": offset}
     middle = partial(
         pulse, options={"command_offset": "estimate"}, scales=widths | {"dead_time": 0.03},
-        fixed={"curvature": 0.0}, truth={"dead_zone": 40e-6} | {
+        fixed={"curvature": 0.0}, truth={"dead_zone": edge} | {
             k: v for k, v in even.items() if not k.startswith("dead_zone")},
     )  # fmt: skip
     yield middle("middle estimated", record=partial(servo, p=even), repetitions=6)
@@ -287,5 +291,5 @@ def attacks() -> Iterator[Attack]:
                    partial(second_order, p=p, third=third), repetitions=4,
                    beyond="It fits as well as the truth: a lag of one sample is a dead time."
                    if third == 0.01 else "")  # fmt: skip
-    yield Attack("line", "line of second order", "fitted as first", {"gain": 1.0}, second_order,
-                 line.UNITS, repetitions=3)  # fmt: skip
+    yield Attack("line", "line of second order", "fitted as first", {"gain": LAGS["gain"]},
+                 second_order, line.UNITS, repetitions=3)  # fmt: skip

@@ -187,7 +187,7 @@ def beside_copies(at: Optimum) -> Optimum:
     output, simulated = at.variant.output.name, at.family.simulate(at.plant, every)
     fitted = [Simulation.of(e, found, output) for e, found in zip(every, simulated, strict=True)]
     runs = [FittedRun(e, s, {}) for e, s in zip(every, simulated, strict=True)]
-    q = next(iter(at.solution.runs[0].jacobians.values())).shape[1]
+    q = at.solution.differentiated
     names, covariance = at.solution.names[:q], at.solution.covariance[:q, :q]
     tables = differences(at.family.simulate, at.plant, runs, names, covariance)
     runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]

@@ -315,7 +315,7 @@ def make_optimum(
     errors = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None
-    q = next(iter(solution.runs[0].jacobians.values())).shape[1]
+    q = solution.differentiated
     if not q:
         return None
     names, errors = solution.names[:q], errors[:q]

@@ -103,12 +103,12 @@ class LocalPool:
 
 
 def _start_server() -> None:
-    """Start the server of processes deaf to Ctrl-C, which would break its imports off in public."""
+    """Start the fork server with Ctrl-C blocked, which would end its imports with a traceback."""
     import signal
     from multiprocessing import resource_tracker
     from multiprocessing.forkserver import ensure_running
 
-    resource_tracker.ensure_running()  # the server wants it, and its start clears the mask
+    resource_tracker.ensure_running()  # the server needs it, and starting it unblocks the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         ensure_running()
@@ -117,7 +117,7 @@ def _start_server() -> None:
 
 
 def _stop_server() -> None:
-    """Stop the server, which would go on importing, and then complain of what is gone by then."""
+    """Stop the fork server: it would go on importing, and then fail on semaphores that are gone."""
     import signal
     from multiprocessing import forkserver
 

@@ -49,8 +49,9 @@ def correct_named(
     fitted
         The fit that took the input for exact.
     refusals, sensible, idle
-        As in :func:`.parametric.fit_named`. Noise that adds up in the output explains it better
-        with an effect that is none: without it the value has to lie within reach of its errors.
+        As in :func:`.parametric.fit_named`. Noise of an input that adds up in the output can look
+        like an effect that is not there: a value that may, by its errors, be the idle one is
+        refused.
     """
 
     def solve_with(held: Mapping[str, float]) -> _Attempt:
@@ -70,7 +71,7 @@ def correct_named(
         ]  # fmt: skip
         return near or left_open(solved, fitted.specs, sensible or {})
 
-    # what exact inputs would not determine, those with noise do not: it may act on nothing at all
+    # what exact inputs leave undetermined, noisy ones do too; it may act on nothing at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())
     done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=every)
     solved, found = done.solution.solved, done.solution.found

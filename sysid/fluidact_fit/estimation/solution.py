@@ -160,6 +160,11 @@ class Solution(Generic[ReadT]):
         """Covariance of the estimated values, shape ``(p, p)``."""
         return self.noise.covariance
 
+    @property
+    def differentiated(self) -> int:
+        """How many of the estimated values, from the first, have derivatives."""
+        return next(iter(self.runs[0].jacobians.values())).shape[1]
+
     @cached_property
     def plant(self) -> Plant[ReadT]:
         """The model with the numbers that are written."""

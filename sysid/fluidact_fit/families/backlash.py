@@ -65,6 +65,7 @@ _DRAWS = 12  # of the errors of the drive's readings
 _COUNTS = 0.1  # of a variance, from which on a profile of the cost says too little
 _CODES = 3.0  # steps of a converter that a motion goes at once, unless it was commanded in them
 _MATTERS = 0.25  # half-widths of the interval by which noise may shift it
+_POWER = 0.1  # relative standard error of the power of the drive's noise
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
 
 
@@ -429,7 +430,7 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
 def _drive_noise(model: PlayModel) -> dict[str, NoiseLevel]:
     """Noise of the drive, which the interval allows for."""
     noise = max(_reading_errors(x)[0] for x in model.drives)
-    return {"drive": NoiseLevel(noise, 0.1)} if noise else {}
+    return {"drive": NoiseLevel(noise, _POWER)} if noise else {}
 
 
 def _reading_errors(readings: FloatArray) -> tuple[float, float]:

@@ -131,7 +131,7 @@ def _nothing_there(log: Log, x: Exclusion, expected: str) -> UsageError:
     what = ":".join("" if math.isinf(end) else f"{end:g}" for end in ends)
     return UsageError(
         f"--exclude {x.kind}={what} leaves out nothing of {log.name}.", expected=expected,
-        remedy="Correct it, or name the log of several that it is for: "
+        remedy="Correct it or, with several logs, name the one it is for: "
         f"--exclude 'LOG:{x.kind}={what}'.",
     )  # fmt: skip
 
