@@ -327,6 +327,10 @@ _JUDGEMENT = {
         "A gain is negative: the output falls as the input rises.",
         "Nothing, if the machine reverses the sign; else give `--scale ROLE=-1`.",
     ),
+    "unexamined": _warning(
+        "A measured input is so noisy that nothing would show what the model may lack.",
+        "Record that input with a cleaner sensor or with a larger range of motion.",
+    ),
     "unmodelled-response": _warning(
         "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
         "parameter that was not asked for), and it moves a parameter by more than its interval.",

@@ -58,7 +58,7 @@ def judge(effect: UnmodelledEffect, missed: list[np.ndarray]) -> Score:
     )  # fmt: skip
     term = next(t for t in terms_at_any_time(at) if t.name == effect.name)
     score = judge_term(at, term)
-    assert score is not None
+    assert isinstance(score, Score)
     return score
 
 

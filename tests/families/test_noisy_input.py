@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from studies.red_team.attacks import input_noise
-from studies.red_team.run import write
+from studies.red_team.attacks import hydrostatic, input_noise
+from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from fluidact_fit.simulation import simulate_logs
@@ -76,3 +76,14 @@ def test_an_edge_that_a_noisy_force_never_reaches_is_refused() -> None:
         for name, truth in (("mass", mass), ("damping", damping), ("dead_zone_negative", -10.0)):
             q = found[name]
             assert abs(float(q.number) - truth) < 4.0 * float(q.std_error), name
+
+
+def test_a_late_force_behind_its_noise_is_not_passed_over() -> None:
+    """Noise hides all that the model may lack, and a delay of 20 ms was taken for mass."""
+    late = next(
+        a for a in hydrostatic.attacks()
+        if a.group == "another machine, noisy force" and a.name == "force 20 ms late"
+    )  # fmt: skip
+    found = run(late, 0, 71_271_127)
+    assert abs(found.errors["mass"].deviations) > 4.0
+    assert found.codes == ("unexamined",)

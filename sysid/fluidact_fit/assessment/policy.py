@@ -63,6 +63,8 @@ PREFER_PARAMETER = _declare(
 DIRECTION_LEFT = _declare(
     "direction_left",
     1e-3, "part of a direction that the parameters leave over", _TERMS)
+HIDDEN = _declare(
+    "hidden", 0.8, "part of the terms that noise of an input hides", _TERMS)
 FARTHEST_LAG = _declare(
     "farthest_lag", 10.0, "times a lag that was tried, beyond which nothing is known",
     _TERMS)

@@ -7,7 +7,9 @@ not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from itertools import chain
 from typing import Any
 
@@ -31,15 +33,15 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
     whole = beside_copies(at)
     part = whole.part
-    judged = chain(
-        (judge_term(whole, t) for t in terms_over_time(whole)),
-        (judge_term(part, t) for t in terms_at_any_time(part)),
+    terms = chain(
+        ((whole, t) for t in terms_over_time(whole)), ((part, t) for t in terms_at_any_time(part))
     )
-    scores = [s for s in judged if s is not None]
+    judged = [judge_term(where, t) for where, t in terms]
+    scores = [s for s in judged if isinstance(s, Score)]
     table = {s.term.name: s.entry for s in scores}
     significant = [s for s in scores if s.significant]
     if not significant:
-        return table, []
+        return table, _unexamined(at, judged)
     enough = policy.PREFER_PARAMETER * max(abs(s.deviations) for s in significant)
     offered = [s for s in significant if s.term.offered and abs(s.deviations) > enough]
     best = max(offered or significant, key=lambda s: abs(s.deviations))
@@ -96,11 +98,20 @@ class Score:
         return found
 
 
-def judge_term(at: Optimum, term: Term) -> Score | None:
-    """Size and significance of a term; ``None`` where the parameters can stand for it."""
+class Unjudged(Enum):
+    """Why nothing is known of a term."""
+
+    HIDDEN = "noise of an input leaves nothing that would show it"
+    REPRESENTED = "the parameters can stand for it"
+
+
+def judge_term(at: Optimum, term: Term) -> Score | Unjudged:
+    """Size and significance of a term."""
     found = at.regress(term.columns, term.instruments)
-    if found is None or not found.distinct:
-        return None
+    if found is None:
+        return Unjudged.HIDDEN
+    if not found.distinct:
+        return Unjudged.REPRESENTED
     plain = _score(at, term, found.shifts, found.size, found.error, found.degrees)
     return _beside_converter(at, term, plain, found.degrees)
 
@@ -180,6 +191,24 @@ def _beside_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Sc
     error = float(np.sqrt(spread.covariance[-1, -1]))
     other = _score(at, term, x[:-1], float(x[-1]), error, degrees)
     return min(plain, other, key=lambda s: abs(s.deviations))
+
+
+def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> list[Notice]:
+    """Warn if noise of an input hides nearly everything that the model may lack."""
+    inputs = at.solution.noise.inputs
+    hidden = judged.count(Unjudged.HIDDEN)
+    said = any(n.code == "input-noise-left" for n in at.solution.notices)
+    if not inputs or said or hidden < policy.HIDDEN * len(judged):
+        return []
+    role = next(iter(inputs))
+    noise = at.signal(role).text(inputs[role].sigma, ".2g")
+    return [Notice(
+        "unexamined",
+        f"'{role}' carries noise of about {noise} rms, behind which a delay, a lag or anything "
+        f"else that the model lacks would not be seen ({hidden} of {len(judged)} tests have no "
+        "answer): the intervals hold only if the model is complete. Record the input with a "
+        "cleaner sensor, or move it further and faster.",
+    )]  # fmt: skip
 
 
 def _notice(at: Optimum, s: Score) -> Notice:
