@@ -26,10 +26,10 @@ from .logs import (
     LogLike,
     Reading,
     choose_variant,
+    find_copied_rows,
     open_logs,
     provenance,
     require_agreement,
-    require_other_data,
     require_two_signals,
     share_columns,
 )
@@ -548,7 +548,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
             where=logs[0].name,
             remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
         )
-    require_other_data(variant, found)
+    notices += find_copied_rows(variant, found)
     return settle_holds(found), notices
 
 

@@ -133,6 +133,10 @@ _READING = {
         "Rows with a missing or non-numeric cell were left out, as `--invalid drop` asks for.",
         "Nothing, if they are few; otherwise look at the columns that the message names.",
     ),
+    "rows-repeated": _warning(
+        "Some rows of a run hold the same readings as others, as rows do that were copied.",
+        "Remove the copy from the log: what counts twice makes intervals too short.",
+    ),
     "run-too-short": _information(
         "Runs with too few samples to be fitted were left out.",
         "Nothing, unless a run that you need is among them.",

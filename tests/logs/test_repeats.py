@@ -113,3 +113,28 @@ def test_logs_that_overlap_are_refused() -> None:
         ff.fit("line", [first, second])
     apart = {n: v[600:] for n, v in whole.items()}
     ff.fit("line", [first, apart])
+
+
+def test_runs_of_one_log_that_are_copies_are_refused() -> None:
+    log = line_log(4)
+    pasted = {n: np.tile(v, 2) for n, v in log.items()}
+    with pytest.raises(LogError, match=r"#1 and .*#2 hold the same rows"):
+        ff.fit("line", pasted)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_rows_that_stand_twice_in_a_run_are_named(timed: bool) -> None:
+    """Pasted below, static strokes counted twice: intervals too short by the root of two."""
+    rng = np.random.default_rng(6)
+    speed = np.repeat([0.02, 0.05, 0.1, 0.2, -0.02, -0.05, -0.1, -0.2], 15)
+    speed = speed * (1.0 + 0.05 * rng.standard_normal(speed.size))
+    force = 300.0 * speed + 15.0 * np.sign(speed) + rng.standard_normal(speed.size)
+    whole = {"velocity [m/s]": speed, "force [N]": force}
+    pasted = {n: np.insert(v, 70, v[10:70]) for n, v in whole.items()}
+    if timed:
+        pasted = {"time [s]": np.arange(180) * STEP, **pasted}
+    found = ff.fit("cylinder-friction", pasted)
+    (said,) = (n.message for n in found.notices if n.code == "rows-repeated")
+    assert "rows 71 to 130 hold the same readings as rows 11 to 70" in said
+    assert found.verdict != "pass"
+    assert "rows-repeated" not in {n.code for n in ff.fit("cylinder-friction", whole).notices}

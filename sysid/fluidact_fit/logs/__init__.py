@@ -10,7 +10,7 @@ from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
 from .opening import LogLike, Reading, open_logs
 from .reader import read_log
-from .repeats import require_other_data
+from .repeats import find_copied_rows
 from .same_signal import require_two_signals
 from .selection import selected_part
 
@@ -24,12 +24,12 @@ __all__ = [
     "choose_variant",
     "describe",
     "experiments",
+    "find_copied_rows",
     "log_of",
     "open_logs",
     "provenance",
     "read_log",
     "require_agreement",
-    "require_other_data",
     "require_two_signals",
     "selected_part",
     "share_columns",

@@ -128,23 +128,24 @@ def rows_per_reading(values: FloatArray, led: bool = False) -> float:
     return float(rows[moving].mean())
 
 
-def require_other_data(variant: Variant, experiments: Sequence[Experiment]) -> None:
-    """Refuse logs that hold the same rows: each counts once (``LogError``)."""
+def find_copied_rows(variant: Variant, experiments: Sequence[Experiment]) -> list[Notice]:
+    """Refuse runs that hold the same rows (``LogError``); warn of rows that stand twice in one."""
     role = variant.output.name
     runs = [e for e in experiments if role in e and e[role].size >= _ROWS]
-    if len({e.log for e in runs}) < 2:
-        return
     seen: dict[bytes, Experiment] = {}
     for e in runs:
+        if np.count_nonzero(np.diff(e[role])) < _FEWEST:
+            continue  # at rest all are alike
         other = seen.setdefault(_digest(e), e)
-        if other.log != e.log:
+        if other is not e:
             raise _twice(other, e)
-    if len(runs) > _MOST:
-        return
-    tables = [_table(e, variant) for e in runs]
-    for (other, one), (e, two) in combinations(zip(runs, tables, strict=True), 2):
-        if other.log != e.log and _overlap(one, two):
-            raise _twice(other, e)
+    tables = [_channels(e, variant) for e in runs[:_MOST]]
+    if len(runs) <= _MOST:
+        for (other, one), (e, two) in combinations(zip(runs, tables, strict=True), 2):
+            if _overlap(one, two):
+                raise _twice(other, e)
+    found = ((e, _repeated_rows(table)) for e, table in zip(runs, tables, strict=False))
+    return [_rows_twice(e, *copy) for e, copy in found if copy is not None]
 
 
 def _digest(e: Experiment) -> bytes:
@@ -155,33 +156,70 @@ def _digest(e: Experiment) -> bytes:
     return found.digest()
 
 
-def _table(e: Experiment, variant: Variant) -> FloatArray:
-    """Channels of a run that were recorded with every row, shape ``(n, c)``."""
-    size = e[variant.output.name].size
-    names = [r.name for r in variant.roles if r.name in e and e[r.name].size == size]
-    return np.column_stack([e[n] for n in names])
+def _channels(e: Experiment, variant: Variant) -> list[FloatArray]:
+    """Channels of a run that were recorded with every row, that of the output first."""
+    output = variant.output.name
+    names = [output, *(r.name for r in variant.roles if r.name != output)]
+    return [e[n] for n in names if n in e and e[n].size == e[output].size]
 
 
-def _overlap(one: FloatArray, two: FloatArray) -> bool:
+def _overlap(one: Sequence[FloatArray], two: Sequence[FloatArray]) -> bool:
     """Return whether some consecutive rows, each unlike the one before, stand in both."""
-    if one.shape[1] != two.shape[1]:
-        return False
-    for at in np.linspace(0, two.shape[0] - _ROWS, _PROBES).astype(int):
-        part = two[at : at + _ROWS]
-        if np.any(np.all(np.diff(part, axis=0) == 0.0, axis=1)):
-            continue
-        for k in np.flatnonzero(one[: one.shape[0] - _ROWS + 1, -1] == part[0, -1])[:_MOST]:
-            if np.array_equal(one[k : k + _ROWS], part):
-                return True
-    return False
+    return len(one) == len(two) and any(
+        True for part in _probes(two) for _ in _places(one, [c[part] for c in two])
+    )
+
+
+def _repeated_rows(channels: Sequence[FloatArray]) -> tuple[slice, int] | None:
+    """Rows of a run that repeat earlier ones, and how many rows earlier those stand."""
+    for part in _probes(channels):
+        for other in _places(channels, [c[part] for c in channels]):
+            first, apart = min(part.start, other), abs(part.start - other)
+            if apart < _ROWS:
+                continue
+            other_rows = np.any([c[apart:] != c[:-apart] for c in channels], axis=0)
+            ends = np.concatenate(([-1], np.flatnonzero(other_rows), [other_rows.size]))
+            k = int(np.searchsorted(ends, first))
+            return slice(int(ends[k - 1]) + 1 + apart, int(ends[k]) + apart), apart
+    return None
+
+
+def _probes(channels: Sequence[FloatArray]) -> Iterator[slice]:
+    """Some stretches of a run in which each row is unlike the one before."""
+    for at in np.linspace(0, channels[0].size - _ROWS, _PROBES).astype(int).tolist():
+        part = slice(at, at + _ROWS)
+        if np.any([np.diff(c[part]) != 0.0 for c in channels], axis=0).all():
+            yield part
+
+
+def _places(channels: Sequence[FloatArray], rows: Sequence[FloatArray]) -> Iterator[int]:
+    """First rows of all that a run holds of given rows."""
+    last = channels[0].size - rows[0].size + 1
+    for k in np.flatnonzero(channels[0][:last] == rows[0][0])[:_MOST].tolist():
+        at = slice(k, k + rows[0].size)
+        if all(np.array_equal(c[at], r) for c, r in zip(channels, rows, strict=True)):
+            yield k
+
+
+def _rows_twice(e: Experiment, rows: slice, apart: int) -> Notice:
+    first, last = rows.start + 1, rows.stop
+    return Notice(
+        "rows-repeated",
+        f"{e.name}: rows {first} to {last} hold the same readings as rows {first - apart} to "
+        f"{last - apart}. If they were copied, they count twice and the intervals are too short: "
+        "remove them from the log. A simulated log without noise may repeat itself.",
+    )
 
 
 def _twice(one: Experiment, two: Experiment) -> LogError:
     names = f"{one.name} and {two.name}"
     if one.name == two.name:
         names = f"{one.name} and another log of that name"
+    remedy = "Leave one of them out, or cut what they share with --window."
+    if one.log == two.log:
+        remedy = "Leave one of the two runs out with --exclude, or remove the rows from the log."
     return LogError(
         f"{names} hold the same rows.",
         expected="Expected every recording once: what counts twice makes intervals too short.",
-        remedy="Leave one of them out, or cut what they share with --window.",
+        remedy=remedy,
     )
