@@ -476,7 +476,7 @@ def _without_outliers(found: FitContext) -> FitContext:
         more = now.examined.outliers
         if more is None:
             return found
-        gone = (*now.outliers, *more)
+        gone = tuple({o.reading: o for o in (*now.outliers, *more)}.values())
         if not more:
             return now
         if len(gone) > most_outliers(samples):

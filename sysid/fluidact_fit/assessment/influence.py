@@ -233,6 +233,11 @@ class Outlier:
     text: str = ""
 
     @property
+    def reading(self) -> tuple[int, str, int]:
+        """Identity of the reading: run, role, sample."""
+        return self.run, self.role, self.sample
+
+    @property
     def entry(self) -> dict[str, Any]:
         """As the file has it."""
         names = ("place", "role", "measured", "replaced", "unit")
@@ -259,6 +264,7 @@ def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | N
             return None
         value = float(signal.values[k])
         left = value - float(off) * s.scale
+        value = float(signal.recorded.get(k, value))  # one may stand in for a reading already
         text = f"{signal.text(value, '.4g')} instead of {signal.text(left, '.4g')}"
         place = at.place(e.series, e.row)
         out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit, text))
