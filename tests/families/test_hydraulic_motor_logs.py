@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from motor_simulator import EVEN, STEP, TRUTH, Array, levels, points, run
+from studies.red_team.attacks.variants import travelled
 
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
@@ -291,3 +292,12 @@ def test_exported_code_passes_its_own_test(
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-o", str(tmp_path / "test")]
     subprocess.run(["gcc", *flags, *sources, "-lm"], check=True)
     assert subprocess.run([str(tmp_path / "test")], check=False).returncode == 0
+
+
+def test_an_angle_that_slips_one_way_blames_what_the_model_lacks() -> None:
+    """A few per cent of another gain add up: the remedy asked for steps that were there."""
+    (recording,) = travelled(np.random.default_rng(1), slip=0.05)
+    with pytest.raises(NotIdentifiedError, match="model misses the output") as refused:
+        ff.fit("hydraulic-motor", recording)
+    assert "another gain in the other direction" in str(refused.value)
+    assert "Record steps" not in str(refused.value)

@@ -22,6 +22,7 @@ from .uncertainty import t_quantile
 
 S = TypeVar("S")
 _ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
+_FEW_INDEPENDENT = 8.0  # independent samples a value, as few as errors of a wrong model leave
 
 
 @dataclass(frozen=True)
@@ -29,22 +30,25 @@ class Refusal:
     """A parameter that the data cannot determine, and why.
 
     ``hold`` is the value at which it is held while the others are fitted and which is written;
-    the neutral value of its specification when ``None``.
+    the neutral value of its specification when ``None``. ``remedy`` replaces that of the
+    specification where more of the same data would not help.
     """
 
     parameter: str
     reason: str
     hold: float | None = None
+    remedy: str = ""
 
     def value(self, spec: ParameterSpec) -> float:
         """Value at which the parameter is held [SI]."""
         return float(self.hold if self.hold is not None else spec.neutral or 0.0) + 0.0  # no -0
 
 
-def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:
+def refuse(spec: ParameterSpec, reason: str, written: str = "", remedy: str = "") -> Notice:
     """Make the warning for a parameter that is written without having been measured.
 
-    ``written`` says what stands in the file where that is not the neutral value.
+    ``written`` says what stands in the file where that is not the neutral value; ``remedy`` what
+    to do, where that is not what the specification says.
 
     Raises
     ------
@@ -55,18 +59,19 @@ def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:
         raise NotIdentifiedError(
             f"the data cannot determine {spec.name}: {reason}",
             expected="Nothing was written.",
-            remedy=spec.remedy,
+            remedy=remedy or spec.remedy,
         )
     return Notice(
         "not-identified",
         f"{spec.name} cannot be determined from these data: {reason} "
         f"It is written as {written or f'{spec.neutral:g}{after_number(spec.unit)}'}, status "
-        f"not_identified. {spec.remedy}",
+        f"not_identified. {remedy or spec.remedy}",
     )
 
 
 def _refusal_notice(refusal: Refusal, spec: ParameterSpec) -> Notice:
-    return refuse(spec, refusal.reason, f"{refusal.value(spec):.4g}{after_number(spec.unit)}")
+    written = f"{refusal.value(spec):.4g}{after_number(spec.unit)}"
+    return refuse(spec, refusal.reason, written, refusal.remedy)
 
 
 @dataclass(frozen=True)
@@ -251,10 +256,17 @@ def left_open(
             excess, worst = half / width, name
     if not worst:
         return []
-    half = solved.half_width(worst)
+    could_be = _interval(solved.values[worst], solved.half_width(worst), specs[worst])
+    if solved.independent > _FEW_INDEPENDENT * len(solved.names):
+        return [Refusal(worst, f"it could be {could_be}.")]
     return [
         Refusal(
             worst,
-            f"it could be {_interval(solved.values[worst], half, specs[worst])}.",
+            f"it could be {could_be}. The model misses the output by errors that change as slowly "
+            f"as those of only {max(solved.independent, 1.0):.0f} independent samples: it lacks "
+            "something that the machine or a sensor does.",
+            remedy="Look for another gain in the other direction, a leak, a drift or an offset: "
+            "fit each direction, or a part of the logs, by itself (--window, --exclude). An output "
+            "that accumulates what is missing, such as a position, shows less than its rate.",
         )
     ]
