@@ -157,7 +157,7 @@ def fit(
     )
     if controller_sample_time is not None:
         controller_sample_time = in_seconds("controller_sample_time", controller_sample_time)
-        _check_period(controller_sample_time)
+        _check_period(controller_sample_time, LONGEST)
     window, validate_window = window_in_seconds(window), window_in_seconds(validate_window)
     how |= {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
     judged, part = _to_judge(logs, validate, window, validate_window)
@@ -166,6 +166,8 @@ def fit(
         open_logs(judged, once=True, beside=listed_logs(logs), **how, window=part), hold or {},
     )  # fmt: skip
     experiments, notices = given.experiments, list(given.notices)
+    if controller_sample_time is not None:
+        _check_period(controller_sample_time, _longest(experiments))
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
     request.progress("fitting")
     with _naming_placeholders(notices):
@@ -298,14 +300,20 @@ def _number(what: str, value: float | str, units: Sequence[str]) -> float:
         ) from None
 
 
-def _check_period(sample_time: float) -> None:
+def _check_period(sample_time: float, longest: float) -> None:
     """Refuse a period that no controller has, as those of logs are refused."""
-    if not SHORTEST <= sample_time <= LONGEST:
+    if not SHORTEST <= sample_time <= longest:
         raise UsageError(
             f"--controller-sample-time {sample_time:g} is impossible",
-            expected=f"Expected {SHORTEST:g} to {LONGEST:g} s.",
+            expected=f"Expected {SHORTEST:g} to {longest:g} s"
+            f"{'' if longest == LONGEST else ', what the longest run lasts'}.",
             remedy="Give the period of the controller in seconds.",
         )
+
+
+def _longest(experiments: Sequence[Experiment]) -> float:
+    """Longest duration of a run [s]."""
+    return max((float(e.time[-1] - e.time[0]) for e in experiments if e.time.size), default=LONGEST)
 
 
 def _check_noise(

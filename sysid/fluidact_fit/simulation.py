@@ -156,6 +156,12 @@ def simulate_steps(
             expected=f"Expected 2 to {_MOST_SAMPLES}.",
             remedy="Change --duration or --sample-time.",
         )
+    for name, step in inputs.items():
+        if step.at >= duration and step.start != step.end:
+            raise UsageError(
+                f"--input {name}: the step at {step.at:g} s comes after the end, {duration:g} s.",
+                remedy="Give an earlier @T, or a longer --duration.",
+            )
     time = sample_time * np.arange(round(samples) + 1, dtype=np.float64)
     signals = {}
     for role in roles:

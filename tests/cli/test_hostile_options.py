@@ -63,6 +63,8 @@ def test_every_family(
         ("line", ["--column", f"inlet=#{'9' * 5000}"], "no column '#99999"),
         ("valve", ["--fix", "gain=1e200"], "'1e200' is too large"),
         ("valve", ["--bounds", "gain=0:1e200"], "'1e200' is too large"),
+        ("line", ["--controller-sample-time", "1e8"], "what the longest run lasts"),
+        ("valve", ["--step", "command=0:1@1e6"], "log.csv ends before that"),
         ("hydrostatic", ["--start", "mass=-1e99"], "'-1e99' is too large"),
     ],
 )

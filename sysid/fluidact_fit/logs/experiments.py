@@ -194,6 +194,7 @@ def _make_experiments(
 ) -> list[Experiment]:
     measured = {role: b for role, b in bindings.items() if role != "time"}
     spent = _spent(log, measured)
+    _require_steps_within(log, [run for run, _ in runs])
     found = []
     for number, (run, whole) in enumerate(runs, start=1):
         signals = {
@@ -219,6 +220,18 @@ def _make_experiments(
             )
         )
     return found
+
+
+def _require_steps_within(log: Log, runs: Sequence[Run]) -> None:
+    """Refuse a step after the end: nothing in the log would answer to it."""
+    end = max((float(run.time[-1]) for run in runs if run.time.size), default=np.inf)
+    for role, step in log.steps.items():
+        if step.at >= end and step.start != step.end:
+            raise UsageError(
+                f"--step {role}={step.start:g}:{step.end:g}@{step.at:g}: {log.name} ends before "
+                f"that, at {end:g} s.",
+                remedy="Give the instant of the step by the time of the log.",
+            )
 
 
 def _spent(log: Log, measured: Mapping[str, Binding]) -> set[str]:
