@@ -265,11 +265,10 @@ class ParameterFileError(FluidactError):
             count = f"more than {self.MOST} problems"
         elif more > 0:
             lines.append(f"... and {more} more")
-        super().__init__(
-            f"not a valid parameter file ({count}):\n  " + "\n  ".join(lines),
-            where=where,
-            remedy=remedy,
-        )
+        what = f"not a valid parameter file ({count}):\n  " + "\n  ".join(lines)
+        if found == 1 and not problems[0][0]:  # of the file as a whole
+            what = lines[0]
+        super().__init__(what, where=where, remedy=remedy)
 
 
 class ControllerFileError(FluidactError):
