@@ -979,13 +979,14 @@ def fit_spring_cylinder(
         Whether to estimate how friction rises at low speed.
     motion_state
         Source of the motion state (loading or unloading): a direction column, the command or
-        pressure, or the position; auto takes the column if there is one.
+        pressure, or the position (where a test machine moves the rod); auto takes the column if
+        there is one, and the position where command or pressure never change within a log.
     dead_band
         Change that reverses the motion state, in SI (default: from the noise): a number not below
         0.
     settle
-        Share of the range of command or pressure after a reversal that is left out, while the seal
-        still creeps: a number not below 0.
+        Share of the range of command or pressure (of the position, if that gives the motion state)
+        that is left out after a reversal, while the seal still creeps: a number not below 0.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
         column of its own name.

@@ -26,6 +26,7 @@ from .logs import (
     LogLike,
     Reading,
     choose_variant,
+    find_constant_signals,
     find_copied_rows,
     open_logs,
     provenance,
@@ -556,6 +557,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
             where=logs[0].name,
             remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
         )
+    notices += find_constant_signals(variant, found)
     notices += find_copied_rows(variant, found)
     return settle_holds(found), notices
 

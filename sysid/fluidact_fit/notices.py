@@ -331,6 +331,11 @@ _JUDGEMENT = {
         "A gain is negative: the output falls as the input rises.",
         "Nothing, if the machine reverses the sign; else give `--scale ROLE=-1`.",
     ),
+    "timing-matters": _information(
+        "A channel that were recorded one sample later would change a parameter by a good part, "
+        "and nothing in the data would show it.",
+        "Check that all channels are read at the same instant and filtered alike.",
+    ),
     "unexamined": _warning(
         "A measured input is so noisy that nothing would show what the model may lack.",
         "Record that input with a cleaner sensor or with a larger range of motion.",
@@ -423,6 +428,11 @@ _FAMILIES = {
     "kept-monotone": _information(
         "The best curve would reverse direction, but not significantly, so it was kept monotone.",
         "Nothing; give `--no-monotone` for the free curve.",
+    ),
+    "levels-equal": _information(
+        "Both friction levels are taken to be equal: the force shows their sum, and not how the "
+        "preload shares it.",
+        "Give `--fix preload=N` where it is known; `hysteresis_width` holds in any case.",
     ),
     "logs-disagree": _warning(
         "The logs do not share one friction.",

@@ -11,7 +11,7 @@ from attack_finder import find_attack
 from fluidact_fit.errors import UnitError
 from fluidact_fit.experiment import Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.logs import experiments
+from fluidact_fit.logs import experiments, find_constant_signals
 
 T = np.arange(2000) * 0.01
 
@@ -60,7 +60,8 @@ def test_a_signal_that_does_not_change(unit: str, text: str) -> None:
 
 def _experiment_notices(log: ff.Log) -> list[str]:
     variant = get_family("line").variant("line")
-    return [n.message for n in experiments(log, variant)[1]]
+    found, notices = experiments(log, variant)
+    return [n.message for n in (*notices, *find_constant_signals(variant, found))]
 
 
 def test_a_fit_in_volts_is_not_judged_by_a_log_in_pascals() -> None:

@@ -18,6 +18,7 @@ from fluidact_fit.logs import (
     choose_variant,
     describe,
     experiments,
+    find_constant_signals,
     provenance,
     read_log,
     share_columns,
@@ -41,8 +42,8 @@ STATIC = Variant(
 )
 
 
-def write(tmp_path: Path, text: str) -> Path:
-    path = tmp_path / "a.csv"
+def write(tmp_path: Path, text: str, name: str = "a.csv") -> Path:
+    path = tmp_path / name
     path.write_text(text)
     return path
 
@@ -391,8 +392,21 @@ def test_constant_and_clipped_signals(tmp_path: Path) -> None:
     time = [f"{0.01 * k:.2f}" for k in range(400)]
     swing = np.clip(np.sin(np.arange(400) / 20), -2, 0.8).round(6)
     rows = "".join(f"{t},5,{x}\n" for t, x in zip(time, swing))
-    _, notices = run(write(tmp_path, "time [s],force [N],position [m]\n" + rows))
-    assert codes(notices) == {"constant-signal", "saturated"}
+    found, notices = run(write(tmp_path, "time [s],force [N],position [m]\n" + rows))
+    assert codes(notices) == {"saturated"}
+    (constant,) = find_constant_signals(LINEAR, found)
+    assert "force is always 5 N" in constant.message
+
+
+def test_a_signal_that_was_set_for_every_log_is_not_called_constant(tmp_path: Path) -> None:
+    """Isometric benches hold one position a log; a dead sensor shows one in all of them."""
+    both = []
+    for index, place in enumerate((5, 7)):
+        rows = "".join(f"{0.01 * k:.2f},{k % 7},{place}\n" for k in range(100))
+        path = write(tmp_path, "time [s],force [N],position [m]\n" + rows, f"log{index}.csv")
+        both += experiments(read_log(path), LINEAR, index=index)[0]
+    assert not list(find_constant_signals(LINEAR, both))
+    assert len(list(find_constant_signals(LINEAR, both[:1]))) == 1
 
 
 def test_a_signal_at_rest_on_its_extreme_is_not_said_to_be_clipped(tmp_path: Path) -> None:

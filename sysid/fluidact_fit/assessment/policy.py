@@ -73,6 +73,10 @@ HELD_MOVES = _declare(
     "held_moves",
     5.0, "standard errors by which a parameter hangs on one that was held",
     "tests/assessment/test_examinations.py: a value that nobody knows")
+TIMING_MOVES = _declare(
+    "timing_moves",
+    0.1, "part of a parameter that a channel one sample late changes unseen",
+    "tests/families/test_spring_cylinder.py: a late position")
 ANYTHING = _declare(
     "anything", 10.0, "times its value that a parameter could be: anything", "wording")
 # samples and parts of the data

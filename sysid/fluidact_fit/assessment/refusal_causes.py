@@ -36,7 +36,7 @@ def find_cause(variant: Variant, experiments: Sequence[Experiment]) -> Cause | N
 
 def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     output = variant.output.name
-    for role in (r.name for r in variant.driving):
+    for role in (r.name for r in variant.driving[:1]):  # what else a model has may act against it
         if _follows(runs, role, output):
             yield Cause(
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "

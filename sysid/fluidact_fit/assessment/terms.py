@@ -84,6 +84,8 @@ class Term:
         Whether the size cannot be negative.
     changes
         Parameter of which it is a change: at either end of a log it is off by half of the size.
+    sampled
+        Size that one sample makes of a channel that was read at another instant [s], else 0.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Term:
     positive: bool = False
     instruments: Sequence[FloatArray] = ()
     changes: str = ""
+    sampled: float = 0.0
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -295,7 +298,7 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
         return f"{words(size)} for every second since the start of the log"
 
     later = _later(at, role, step)
-    yield Term(f"delay of {role}", "s", words, _CLOCK, later)
+    yield Term(f"delay of {role}", "s", words, _CLOCK, later, sampled=step)
     begin: dict[int, float] = {}
     for e in at.experiments:
         begin[e.log] = min(float(e.time[0]), begin.get(e.log, np.inf))

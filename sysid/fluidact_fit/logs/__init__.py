@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .agreement import require_agreement
 from .arrays import log_of
+from .checks import find_constant_signals
 from .columns import share_columns
 from .describe import describe, provenance
 from .experiments import choose_variant, experiments
@@ -24,6 +25,7 @@ __all__ = [
     "choose_variant",
     "describe",
     "experiments",
+    "find_constant_signals",
     "find_copied_rows",
     "log_of",
     "open_logs",

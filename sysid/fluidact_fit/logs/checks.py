@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, where_changed, where_finite
 from ..rows import blocks
+from ..specification import Variant
 from .columns import Binding
 from .grid import Run
 from .log import Column, Log, count_of, exclude_lines, name_lines
@@ -135,7 +136,7 @@ def check_signals(
     experiments: Sequence[Experiment],
     suspects: Mapping[str, Suspect],
 ) -> Iterator[Notice]:
-    """Report signals that are constant, stay at an extreme, or hold one of the ``suspects``.
+    """Report signals that stay at an extreme, or hold one of the ``suspects``.
 
     One that was replaced as a spike is held no more.
     """
@@ -150,17 +151,33 @@ def check_signals(
         suspect = suspects.get(role)
         if suspect and any(bool(np.isin(part, suspect.value).any()) for part in parts):
             yield from suspect.notices
-        if low == high:
-            yield Notice(
-                "constant-signal",
-                f"{column} is always {said(low, 'g')}. Check the column and the sensor.",
-            )
-        elif binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
+        if low < high and binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
             yield Notice(
                 "saturated",
                 f"{column} stays at an end of its range, {said(low, 'g')} to {said(high, 'g')}, "
                 f"for {samples} samples in a row: the sensor or its "
                 "converter may be clipped. Record within its range, or cut the log with --window.",
+            )
+
+
+def find_constant_signals(variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
+    """Report signals that never change, unless each log has a value of its own: those were set."""
+    logs = {e.log: e.name.split("#")[0] for e in experiments}
+    for role in (r.name for r in variant.roles):
+        ends: dict[int, tuple[float, float]] = {}
+        for e in experiments:
+            if role in e and e[role].size > 1:
+                low, high = ends.get(e.log, (np.inf, -np.inf))
+                ends[e.log] = min(low, float(e[role].min())), max(high, float(e[role].max()))
+        constant = {log: low for log, (low, high) in ends.items() if low == high}
+        if len(constant) == len(ends) and len(set(constant.values())) > 1:
+            continue
+        for log, value in constant.items():
+            signal = next(e.signals[role] for e in experiments if e.log == log and role in e)
+            yield Notice(
+                "constant-signal",
+                f"{logs[log]}: {role} is always {signal.text(value, 'g')}. Check the column and "
+                "the sensor.",
             )
 
 

@@ -135,12 +135,18 @@ def prepare(
         if all(recorded):
             options = replace(options, motion_state="direction")
         elif not any(recorded):
-            options = replace(options, motion_state="command")
+            held = all(_rests(e.sampled(variant.name)) for e in experiments)
+            options = replace(options, motion_state="position" if held else "command")
     turning = [_turning(e, variant, options) for e in experiments]
     if options.dead_band is None:
         bands = [choose_dead_band(s) for s in turning if s is not None]
         options = replace(options, dead_band=max(bands, default=None))
     return [_prepare_run(e, variant, s, options) for e, s in zip(experiments, turning)], options
+
+
+def _rests(values: FloatArray) -> bool:
+    """Return whether a signal never changes by more than its noise: then the rod was moved."""
+    return float(np.ptp(values)) <= 2.0 * choose_dead_band(values)
 
 
 def _turning(e: Experiment, variant: Variant, options: SpringOptions) -> FloatArray | None:
@@ -167,41 +173,53 @@ def _prepare_run(
     else:
         direction = held_direction(turning, options.dead_band or 0.0)
     force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
-    noise = found["drive"].noise if "drive" in found else 0.0
-    if noise <= e.signals[variant.name].resolution:
+    name, role = (
+        ("position",) * 2 if options.motion_state == "position" else ("drive", variant.name)
+    )
+    moves = drive if turning is None else turning
+    noise = found[name].noise if name in found else 0.0
+    if noise <= e.signals[role].resolution:
         noise = 0.0  # rounding
-    away = _away_from_reversals(_without_itself(drive) if noise else drive, noise, direction,
-                                options.settle)  # fmt: skip
+    # where the rod itself turns, the nearest velocities are of both directions
+    beside = REACH + 1 if name == "position" else 0
+    away = _away_from_reversals(
+        _without_itself(moves) if noise else moves, noise, direction, options.settle, beside
+    )
     kept = (direction != 0.0) & motion.inside & away
+    if beside:  # it turned and came back within the dead band
+        kept &= direction * motion.rate >= 0.0
     return Run(e, drive, position, motion.rate, direction, force, kept, found)
 
 
-def _without_itself(drive: FloatArray) -> FloatArray:
+def _without_itself(values: FloatArray) -> FloatArray:
     """Mean of the samples around each: to choose samples by their own noise would bias the fit."""
     kernel = np.ones(2 * REACH + 1)
     kernel[REACH] = 0.0
-    total = np.convolve(drive, kernel, mode="same")
-    return np.asarray(total / np.convolve(np.ones(drive.size), kernel, mode="same"))
+    total = np.convolve(values, kernel, mode="same")
+    return np.asarray(total / np.convolve(np.ones(values.size), kernel, mode="same"))
 
 
 def _away_from_reversals(
-    drive: FloatArray, noise: float, direction: FloatArray, settle: float
+    moves: FloatArray, noise: float, direction: FloatArray, settle: float, beside: int
 ) -> BoolArray:
-    """Samples whose friction has reversed: the drive has moved far enough since the reversal.
+    """Samples whose friction has reversed: what moves has come far enough since the reversal.
 
-    ``noise`` is the distance from the extreme within which a reversal may have come earlier.
+    ``noise`` is the distance from the extreme within which a reversal may have come earlier; the
+    extreme itself, and so many samples ``beside`` it less one, are left out with it.
     """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
-    span = float(np.ptp(drive))
-    kept = np.ones(drive.size, dtype=bool)
-    for begin, end in zip(turned, [*turned[1:], drive.size]):
+    span = float(np.ptp(moves))
+    kept = np.ones(moves.size, dtype=bool)
+    for begin, end in zip(turned, [*turned[1:], moves.size]):
         if begin:  # the record's start is no reversal
-            kept[begin:end] = np.abs(drive[begin:end] - drive[begin]) >= settle * span
-        if end < drive.size:  # the dead band notices a reversal late: from the extreme on
+            kept[begin:end] &= np.abs(moves[begin:end] - moves[begin]) >= settle * span
+        # the dead band notices a reversal late: from the extreme on; a rod's last one perhaps not
+        if end < moves.size or beside:
             way = direction[begin] or 1.0
-            part = way * drive[begin:end]
+            part = way * moves[begin:end]
             last = int(np.argmax(part))
             if noise:
                 last = int(np.argmax(part > part[last] - noise)) - 1
-            kept[begin + last + 1 : end] = False
+            kept[max(begin + last + 1 - beside, begin) : end] = False
+            kept[end : begin + last + 1 + beside] = False
     return kept

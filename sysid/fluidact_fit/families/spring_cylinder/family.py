@@ -303,6 +303,15 @@ def _remarks(fit: Fit, variant: Variant) -> Iterator[Notice]:
     spikes = found.spike_notice(width, lambda force: f"{force:.3g} N", "load cell")
     if spikes:
         yield spikes
+    if fit.equal:
+        yield Notice(
+            "levels-equal",
+            "coulomb_loading and coulomb_unloading are taken to be equal: the force shows "
+            "preload + coulomb_loading and preload - coulomb_unloading, not how they share it. "
+            "Levels that differ, or a load cell whose zero is off, go into preload and both "
+            "levels, beyond their intervals; hysteresis_width holds all the same. Give "
+            "--fix preload=N where a spring scale shows it.",
+        )
     known = [n for n in LEVELS if n in solved.names and solved.values[n] > solved.half_width(n)]
     if variant.name == "command" and known:
         gain = solved.values[GAINS["command"]]

@@ -23,15 +23,16 @@ class SpringOptions(FamilyOptions):
         "auto",
         ("auto", "direction", "command", "position"),
         "source of the motion state (loading or unloading): a direction column, the command or "
-        "pressure, or the position; auto takes the column if there is one",
+        "pressure, or the position (where a test machine moves the rod); auto takes the column if "
+        "there is one, and the position where command or pressure never change within a log",
     )
     dead_band: float | None = number(
         help="change that reverses the motion state, in SI (default: from the noise)", minimum=0
     )
     settle: float = number(
         0.05,
-        help="share of the range of command or pressure after a reversal that is left out, while "
-        "the seal still creeps",
+        help="share of the range of command or pressure (of the position, if that gives the "
+        "motion state) that is left out after a reversal, while the seal still creeps",
         minimum=0,
     )
     spike: float | None = settled(
