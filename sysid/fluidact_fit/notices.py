@@ -218,6 +218,11 @@ _JUDGEMENT = {
         "A parameter ends where the `--bounds` that were given do.",
         "Widen the bounds; if they are right, look for what the model lacks.",
     ),
+    "beginning-left-out": _information(
+        "The first part of every run answers to an input before the log began, for as long as the "
+        "dead time.",
+        "Begin recording at rest; where the logs do, give `--start-state rest`.",
+    ),
     "beyond-validity": _warning(
         "An input goes beyond the range that the data of the parameter file covered.",
         "Trust the model there only if its equation is known to hold; else fit logs that go there.",

@@ -61,3 +61,13 @@ def test_a_peak_of_two_samples_is_left_alone():
     y = SMOOTH.copy()
     y[100:102] += 10.0
     assert not find_spikes(y, STILL).size
+
+
+def test_no_input_moves_an_output_a_hundredfold() -> None:
+    """The inlet moved with the spike: it stayed, and a third of the log was cut off instead."""
+    y, moved = SMOOTH.copy(), STILL.copy()
+    moved[[40, 41, 90, 91, 120, 121, 160, 161, 200, 201, 230, 231, 260, 261, 280, 281]] = True
+    y[200] += 100.0 * np.ptp(SMOOTH)
+    assert find_spikes(y, moved).tolist() == [200]
+    moved[:198] = moved[204:] = False  # all that the input does: the answer to an impulse
+    assert not find_spikes(y, moved).size

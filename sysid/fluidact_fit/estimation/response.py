@@ -30,6 +30,7 @@ from .run_beginnings import (
     examine_offset,
     output_power,
     search_later,
+    unrecorded_notice,
     unrecorded_time,
 )
 from .separable import Search, profile, solve_from
@@ -43,6 +44,7 @@ _LONGER = 800_000  # samples of a closer start, where there are far more
 _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
 _ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
+_TOO_LONG = 0.5  # part of the time left out that is less than the fitted dead time needs
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
 _POOR = 0.05  # of the power of the output, left by a search that may have missed the place
 
@@ -130,7 +132,7 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     chosen, values, said = examine_offset(task, fitted, model, begin)
     if chosen != begin:
         fitted, model, begin = _fit(task, [values], part, chosen, starts)
-    fitted = replace(fitted, notices=[*fitted.notices, *said])
+    fitted = replace(fitted, notices=[*fitted.notices, *said, *unrecorded_notice(task, begin)])
     if _are_very_long(task):
         part = task.named(_part(task, _LONGER), begin)
     end, correct = _allow_for_input_noise(task, fitted, begin)
@@ -201,7 +203,10 @@ def _fit(
             idle={s.name: s.idle for s in searched if s.idle is not None},
         )  # fmt: skip
         needed = unrecorded_time(task, task.experiments, begin, fitted.values)
-        if needed <= begin.unrecorded:
+        own = unrecorded_time(task, task.experiments, replace(begin, unrecorded=0.0), fitted.values)
+        if task.request.options.unrecorded is None and own < _TOO_LONG * begin.unrecorded:
+            needed = own  # a longer dead time was thought of: what it left out has to be described
+        elif needed <= begin.unrecorded:
             break
         begin, ends = replace(begin, unrecorded=needed), [fitted.values]
     return fitted, model, begin

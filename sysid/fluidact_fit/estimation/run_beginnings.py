@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray, Signal
-from ..units import after_number
+from ..units import after_number, as_time
 from .named_model import NamedModel, bind
 from .noise import noise_floor
 from .parametric import Fitted
@@ -89,6 +89,20 @@ def unrecorded_time(
         for e in experiments
     )  # fmt: skip
     return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
+
+
+def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> list[Notice]:
+    """Report how much of the runs answers to what came before them, and was left out."""
+    if not begin.unrecorded:
+        return []
+    runs = task.experiments
+    left = sum(int(np.sum(e.time - e.time[0] < begin.unrecorded)) for e in runs)
+    return [Notice(
+        "beginning-left-out",
+        f"the first {as_time(begin.unrecorded)} of every run ({left} of "
+        f"{sum(e.samples for e in runs)} samples) answer to an input before the log began, and "
+        "were left out. Begin recording at rest; where it was, give --start-state rest.",
+    )]  # fmt: skip
 
 
 def search_later(

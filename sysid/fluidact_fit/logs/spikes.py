@@ -29,6 +29,8 @@ _USUAL = 3.0  # times its usual change
 _NEAR = 3  # samples within which an input would explain it
 _FEWEST = 20  # samples of a record that is looked at
 _SHARE = 0.005  # largest part of a record that can be spikes
+_NEVER = 10.0  # times the range of a record, to which no input moves an output
+_ELSEWHERE = 3  # other moves of the inputs, to which the output did nothing of the kind
 _LISTED = 5
 
 
@@ -70,7 +72,13 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
 
     Shape ``(n,)`` each.
     """
-    alone, height = _back_again(values, moved)
+    alone, height = _back_again(values)
+    if moved.any():
+        explained = moved[alone]
+        if explained.any() and np.count_nonzero(moved) > _ELSEWHERE * (_NEAR + 2):
+            low, high = np.quantile(values, (_SHARE, 1.0 - _SHARE))
+            explained &= height <= _NEVER * (high - low)
+        alone, height = alone[~explained], height[~explained]
     most = max(3, int(_SHARE * values.size))
     highest = np.argsort(-height)[:most]
     order = alone[highest]
@@ -79,7 +87,7 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
     return np.sort(order[:count])
 
 
-def _back_again(values: FloatArray, moved: BoolArray) -> tuple[IndexArray, FloatArray]:
+def _back_again(values: FloatArray) -> tuple[IndexArray, FloatArray]:
     """Samples from which the signal is back with the next, and how far off each lies, ``(m,)``."""
     places, heights = [], []
     for at in blocks(values.size - 2):
@@ -88,12 +96,11 @@ def _back_again(values: FloatArray, moved: BoolArray) -> tuple[IndexArray, Float
         turns = np.flatnonzero(jumps[:-1] * jumps[1:] < 0.0)
         inner = np.minimum(np.abs(jumps[turns]), np.abs(jumps[turns + 1]))
         found = np.abs(part[turns + 2] - part[turns]) <= _BACK * inner
-        found &= ~moved[at.start + 1 + turns]
         places.append(at.start + 1 + turns[found])
         heights.append(inner[found])
     first, last = np.abs(np.diff(values[:3])), np.abs(np.diff(values[-3:]))[::-1]
     for place, (jump, beside) in ((0, first), (values.size - 1, last)):
-        if jump > 0.0 and beside <= _BACK * jump and not moved[place]:
+        if jump > 0.0 and beside <= _BACK * jump:
             places.append(np.array([place]))
             heights.append(np.array([jump]))
     return np.concatenate(places), np.concatenate(heights)
