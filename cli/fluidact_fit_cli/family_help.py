@@ -115,8 +115,8 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         "int": ("N", "4", _whole),
         "float": (
             "NUMBER",
-            f"1.5{option.unit.replace(' ', '')}" if option.unit else "1.5",
-            lambda text: in_si(text, option.unit or "1"),
+            f"1.5{option.units[0].replace(' ', '')}" if option.unit else "1.5",
+            lambda text: in_si(text, *option.units),
         ),
         "range": ("LOW:HIGH", "0:10", parse_range),
         "text": ("TEXT", str(option.default or "auto"), parse_text),

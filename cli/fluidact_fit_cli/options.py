@@ -230,13 +230,18 @@ _LOGS = ("logs", "log", "validate")  # arguments and options that name logs
 _WRITING = ("decimal", "thousands", "delimiter", "skip_rows", "header_row")
 
 
-def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
-    """Read logs with the options of the command line."""
+def read_logs(
+    paths: Iterable[str], params: Mapping[str, Any], document: ParameterDocument | None = None
+) -> list[Log]:
+    """Read logs with the options of the command line, or else as those of a file were written."""
     from fluidact_fit.logs import open_logs
+    from fluidact_fit.recall import open_as_fitted
 
     paths = list(paths)
     others = dict.fromkeys(p for name in _LOGS for p in _listed(params.get(name)))
     beside = [path for path in others if path not in paths]
+    if document is not None:
+        return open_as_fitted(document, paths, beside=beside, **reading(params))
     return open_logs(paths, beside=beside, **reading(params))
 
 

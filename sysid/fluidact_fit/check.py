@@ -15,13 +15,13 @@ from .experiment import Experiment
 from .families import get_family
 from .family import Quantity, Variant
 from .fitting import refit
-from .logs import Log, LogLike, Reading, open_logs
+from .logs import Log, LogLike, Reading
 from .outcome import Simulation
 from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
 from .parameters.draws import draw_document
 from .presentation import ParametersLike, document_of, weak_file
-from .recall import recall_logs
+from .recall import open_as_fitted, recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
 from .tables import Table, format_number, format_spread, percent_text
 from .units import after_number, display_unit
@@ -202,7 +202,7 @@ def check(
         When there is nothing to compare.
     """
     document = document_of(params, get_family)
-    opened = open_logs(logs, **reading)
+    opened = open_as_fitted(document, logs, **reading)
     if not opened:
         raise UsageError("no log was given.", expected="Expected one log or more.")
     return check_logs(document, opened, progress=progress)

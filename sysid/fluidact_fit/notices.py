@@ -115,6 +115,10 @@ _READING = {
         "one.",
         "Leave the rows that are named out with `--exclude lines=FIRST:LAST`.",
     ),
+    "read-as-fitted": _information(
+        "A log could not be read by itself, and was read with the options of the fit.",
+        "Nothing; give `--skip-rows`, `--decimal` and the like for another layout.",
+    ),
     "readings-repeated": _warning(
         "A channel that moves repeats its last reading in some rows: it is slower than its log.",
         "Record at the rate of the slowest channel, or each channel with its own time.",
@@ -151,8 +155,8 @@ _READING = {
         "Check whether the sensor or its converter was clipped; cut that part with `--window`.",
     ),
     "spikes": _warning(
-        "Single samples of a measured signal stand alone, far from their neighbours; they were "
-        "replaced by what lies between these.",
+        "Single samples of a measured signal are isolated spikes; they were replaced by "
+        "interpolation.",
         "Check cable, converter and logger; look at the samples that are named.",
     ),
     "statistics-rows": _information(
@@ -170,6 +174,10 @@ _READING = {
     "time-out-of-order": _warning(
         "Lines whose time is earlier than that of the line before were left out.",
         "Check the lines that are named; `--sample-time` replaces the time column.",
+    ),
+    "time-contradicted": _warning(
+        "`--sample-time` was given, and the time column of the log says something else.",
+        "Leave `--sample-time` out unless the column is wrong.",
     ),
     "time-replaced": _information(
         "The log has a time column, but `--sample-time` was given and replaces it.",
@@ -311,7 +319,8 @@ _JUDGEMENT = {
         "Do the experiment that the message names; do not use the value.",
     ),
     "outliers": _warning(
-        "A few samples lie where the model of all others cannot be; they were left out of the fit.",
+        "A few samples lie far outside what the rest of the data allow; they were left out of the "
+        "fit.",
         "Look at the log where the message says; check cable, converter and logger.",
     ),
     "poor-fit": _warning(

@@ -73,6 +73,11 @@ class Option:
     formerly: str = ""
 
     @property
+    def units(self) -> list[str]:
+        """SI units that a number may be in: of linear and of rotary motion where it has both."""
+        return self.unit.split(" or ") if self.unit else ["1"]
+
+    @property
     def expected(self) -> str:
         """Describe the accepted values."""
         if self.kind == "choice":
@@ -231,7 +236,7 @@ class FamilyOptions:
                 )
             try:
                 if known[key].kind == "float" and not from_file:
-                    value = in_si(value, known[key].unit or "1")
+                    value = in_si(value, *known[key].units)
                 read = known[key].read(value)
             except ValueError as error:
                 raise UsageError(

@@ -2,18 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from .errors import Notice, UsageError
-from .logs import Log, StepInput, share_columns
+from .errors import LogError, Notice, UsageError
+from .logs import Log, LogLike, StepInput, open_logs, share_columns
 from .logs.columns import matching, reference_of
+from .logs.opening import listed_logs
 from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .parameters.document import Column, LogSource, ParameterDocument
 from .units import parse_unit_from_header
 
 _LISTED = 4  # logs whose constant a message names
+
+
+def open_as_fitted(
+    document: ParameterDocument,
+    logs: Sequence[LogLike] | LogLike,
+    *,
+    beside: Iterable[LogLike] = (),
+    **reading: Any,
+) -> list[Log]:
+    """Open logs; where they cannot be read by themselves, as those of the file were written.
+
+    Raises
+    ------
+    LogError, UsageError
+        Of the first try, when both fail.
+    """
+    each, others = listed_logs(logs), list(beside)
+    try:
+        return open_logs(each, beside=others, **reading)
+    except LogError:
+        own = ((s.details or {}).get("reading") for s in document.provenance.logs)
+        recorded: dict[str, Any] = next(filter(None, own), {})
+        given = {name: value for name, value in reading.items() if value is not None}
+        if not recorded.keys() - given.keys():
+            raise
+        try:
+            opened = open_logs(each, beside=others, **{**recorded, **given})
+        except LogError:
+            opened = []
+        if not opened:
+            raise
+    options = " ".join(f"--{n.replace('_', '-')} {value}" for n, value in recorded.items())
+    return [
+        replace(log, notices=(*log.notices, Notice(
+            "read-as-fitted", f"{log.name}: read with {options}, as the logs of the fit were.")))
+        for log in opened
+    ]  # fmt: skip
 
 
 def recall_columns(document: ParameterDocument, log: Log) -> Log:

@@ -15,13 +15,13 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
-from .logs import Log, LogLike, Reading, StepInput, open_logs, require_agreement
+from .logs import Log, LogLike, Reading, StepInput, require_agreement
 from .logs import experiments as experiments_of
 from .logs.columns import in_unit
 from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import ParameterDocument
-from .recall import recall_logs
+from .recall import open_as_fitted, recall_logs
 from .units import pressure_reference
 
 _MOST_SAMPLES = 5_000_000
@@ -120,7 +120,7 @@ def simulate_given(
     document: ParameterDocument, logs: Sequence[LogLike] | LogLike, **reading: Unpack[Reading]
 ) -> list[Simulation]:
     """Open logs and simulate a document's model with their inputs; see :func:`simulate_logs`."""
-    return simulate_logs(document, open_logs(logs, **reading))
+    return simulate_logs(document, open_as_fitted(document, logs, **reading))
 
 
 def simulate_steps(

@@ -222,3 +222,22 @@ def test_a_step_in_another_quantity_is_refused(here: Run, fitted: str) -> None:
     done = here("simulate", fitted, "--input", "command=0:2bar@100ms", *time)
     assert done.status == 3
     assert "'bar' is a pressure" in done.err
+
+
+def test_logs_are_read_as_those_of_the_fit_were(here: Run, valve: Log, inside: Path) -> None:
+    """Fitted with --skip-rows and --decimal, and not readable for check and simulate."""
+    lines = valve().read_text(encoding="utf-8").splitlines()
+    table = [line.replace(",", ";").replace(".", ",") for line in lines]
+    text = "\n".join(["LabVIEW Measurement", "Writer;x", "", *table]) + "\n"
+    (inside / "bench.csv").write_text(text, encoding="utf-8")
+    words = ("--skip-rows", "3", "--decimal", ",", "-o", "bench.yaml")
+    assert here("inspect", "bench.csv").status == 3
+    assert here("valve", "bench.csv", *words).status == 0
+    checked = here("check", "bench.yaml", "bench.csv")
+    assert checked.status == 0, checked.err
+    assert "read with --decimal , --skip-rows 3, as the logs of the fit were" in checked.err
+    assert here("simulate", "bench.yaml", "bench.csv").status == 0
+    (inside / "none.csv").write_text("nothing\n", encoding="utf-8")
+    failed = here("check", "bench.yaml", "none.csv")
+    assert failed.status == 3
+    assert "none.csv" in failed.err

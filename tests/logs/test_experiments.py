@@ -476,3 +476,16 @@ def test_what_grows_is_time_only_if_its_name_or_its_steps_say_so(
     rows = "".join(f"{t},{np.sin(k):.4f}\n" for k, t in enumerate(first))
     seen = describe(read_log(write(tmp_path, f"{header}\n{rows}".lstrip())))
     assert (seen["time"] is not None) == found
+
+
+def test_a_sample_time_against_a_column_in_seconds_is_warned_of(tmp_path: Path) -> None:
+    """5 s for 10 ms gave a time constant of a minute with the verdict PASS."""
+    rows = "".join(f"{10 * k},{k % 7},{k % 5}\n" for k in range(100))
+    for header, step, code in (
+        ("time [ms]", 5.0, "time-contradicted"),
+        ("time [ms]", 0.01, "time-replaced"),
+        ("time", 5.0, "time-replaced"),
+    ):
+        path = write(tmp_path, f"{header},force [N],position [m]\n" + rows)
+        (notice,) = (n for n in run(path, sample_time=step)[1] if n.code.startswith("time-"))
+        assert notice.code == code

@@ -165,7 +165,9 @@ def _with_logs(
 
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
-        runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
+        runs, notices = prepare_logs(
+            document, recall_logs(document, read_logs(paths, params, document))
+        )
         progress("simulating")
         simulated = simulate_runs(document, runs)
     if not params["quiet"]:

@@ -26,6 +26,7 @@ from ..errors import Notice
 from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
+from ..logs.log import count_of
 from ..rows import square_sum
 from . import policy
 from .corrected_score import whitened
@@ -134,16 +135,14 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     entry = {"samples": independent}
     if independent >= policy.INDEPENDENT * unknowns:
         return entry, []
-    samples = at.samples
     return entry, [
         Notice(
             "few-independent-samples",
-            f"the residuals are autocorrelated over so long that {samples} samples show the size "
-            f"of the errors as well as some {independent:.0f} independent ones would, with "
-            f"{unknowns} unknowns fitted to them: the parameters may be off by more than their "
-            "intervals say. Settle what else is said of this fit first, since it may be the cause; "
-            "then record for longer, with more strokes over the whole range. Faster sampling does "
-            "not help.",
+            f"the residuals are so strongly autocorrelated that {at.samples} samples are worth "
+            f"about {independent:.0f} independent ones, with {count_of(unknowns, 'unknown')} "
+            "fitted to them: the parameters may be off by more than their intervals say. Resolve "
+            "the other warnings first: they may be the cause. Then record for longer, with more "
+            "strokes over the whole range. Faster sampling does not help.",
         )
     ]
 

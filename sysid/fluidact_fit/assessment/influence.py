@@ -311,8 +311,8 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
     verb, was, which = ("lies", "was", "it lies") if one else ("lie", "were", "they lie")
     return Notice(
         "outliers",
-        f"{count_of(n, 'sample')} {verb} where the model of all others cannot be, and {was} left "
-        f"out of the fit, which would have followed {'it' if one else 'them'} ({listed}{more}). "
+        f"{count_of(n, 'sample')} {verb} far outside what the rest of the data allow, and {was} "
+        f"left out of the fit, which would have followed {'it' if one else 'them'} ({listed}{more}). "
         f"Check the cable, the converter and the logger; where {which} at reversals, sample "
         "faster.",
     )

@@ -41,7 +41,7 @@ _CLOCKS = (
 _LAG = (
     "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
     "that this family does not have. A lead: look for those of an input, or for a missing mass. "
-    "Noise of an input and gaps look alike; settle what is said of them first."
+    "Noise of an input and gaps look alike; resolve those warnings first."
 )
 _WARM = (
     "One set of values does not hold for the whole log: let the machine warm up, hold supply "

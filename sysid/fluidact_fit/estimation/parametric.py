@@ -237,8 +237,8 @@ def at_end_of_search(name: str, value: float, unit: str) -> Refusal:
     """Refuse a parameter that ends where its search does."""
     return Refusal(
         name,
-        f"it ends at {value:.3g}{after_number(unit)}, at the search limit. Should it lie "
-        f"beyond, give --bounds {name}=LOW:HIGH.",
+        f"it ends at {value:.3g}{after_number(unit)}, at the search limit. If the true value "
+        f"lies beyond, give --bounds {name}=LOW:HIGH.",
     )
 
 

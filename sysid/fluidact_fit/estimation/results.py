@@ -228,8 +228,8 @@ def _interval(value: float, half: float, spec: ParameterSpec) -> str:
     """A 95 % interval that is too wide, in words."""
     unit = "" if spec.ratio else after_number(spec.unit)
     if half > _ANYTHING * abs(value):
-        return "anything: its 95 % interval holds every sensible value"
-    return f"{value:.3g} ± {half:.2g}{unit} (95 %), which holds every sensible value"
+        return "anything: its 95 % interval is unbounded in practice"
+    return f"{value:.3g} ± {half:.2g}{unit} (95 %), too wide to be useful"
 
 
 def left_open(

@@ -91,6 +91,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         details["window"] = log.window_text
     if log.exclude:
         details["exclude"] = [x.text for x in log.exclude]
+    if log.written:
+        details["reading"] = dict(log.written)
     if log.invalid is not None:
         details["invalid"] = log.invalid
     if dropped := max((e.attributes.get("dropped", 0) for e in experiments), default=0):

@@ -34,6 +34,7 @@ from .spikes import replace_spikes
 from .timebase import split_runs
 from .turns import settle_turns
 
+_OTHER_STEP = 0.05  # logarithm of the ratio of two sample times that contradict each other
 _LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
 SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]
 
@@ -132,6 +133,25 @@ def _time_bases(log: Log, found: Sequence[Experiment]) -> list[Notice]:
     ]
 
 
+def _time_replaced(log: Log, unused: Binding, sample_time: float) -> Notice:
+    """Report a time column that was not used, and warn of one in seconds that contradicts."""
+    words = (
+        f"{log.name}: the time column '{unused.column.label}' was not used, "
+        f"--sample-time {sample_time:g} replaces it."
+    )
+    steps = np.diff(unused.column.values) * unused.to_si
+    own = float(np.median(steps)) if steps.size else np.nan
+    if unused.assumed or not own > 0.0 or abs(np.log(own / sample_time)) < _OTHER_STEP:
+        return Notice("time-replaced", words)
+    times = max(own / sample_time, sample_time / own)
+    return Notice(
+        "time-contradicted",
+        f"{words} It says {own:.3g} s between samples, {times:.3g} times "
+        f"{'more' if own > sample_time else 'less'}. Leave --sample-time out unless the column is "
+        "wrong.",
+    )
+
+
 def _find_runs(
     log: Log, variant: Variant, bindings: dict[str, Binding], notices: list[Notice]
 ) -> list[Run]:
@@ -139,13 +159,7 @@ def _find_runs(
     timed = next((role for role in variant.roles if role.name == "time"), None)
     if timed is not None and log.sample_time is not None:
         if (unused := bind_role(log, timed)) is not None:
-            notices.append(
-                Notice(
-                    "time-replaced",
-                    f"{log.name}: the time column '{unused.column.label}' was not used, "
-                    f"--sample-time {log.sample_time:g} replaces it.",
-                )
-            )
+            notices.append(_time_replaced(log, unused, log.sample_time))
         return [counted_run(log.rows, log.sample_time, log.places)]
     binding = bindings.get("time")
     if timed is None or binding is None:

@@ -83,6 +83,11 @@ class Written:
     skip_rows: int = 0
     header_row: int | None = None
 
+    @property
+    def given(self) -> dict[str, str | int]:
+        """What the user has said, as options of the reader."""
+        return {name: value for name, value in vars(self).items() if value}
+
 
 @dataclass(frozen=True)
 class Cut:

@@ -193,6 +193,8 @@ class Log:
         given by the user.
     places
         Of rows some of which were left out: where they stood, from 0, shape ``(n_rows,)``.
+    written
+        How the user said that the file is written: signs, lines, as options of the reader.
     disposable
         Whether nobody reads the columns once experiments were made of them, which then may take
         their memory.
@@ -219,6 +221,7 @@ class Log:
     elsewhere: frozenset[str] = frozenset()
     invalid: Invalid | None = None
     places: IntArray | None = None
+    written: Mapping[str, str | int] = field(default_factory=dict)
     disposable: bool = False
 
     def __repr__(self) -> str:

@@ -123,6 +123,7 @@ def read_log(
         sample_time=None if sample_time is None else float(sample_time),
         window=window,
         invalid=invalid,
+        written=written.given,
     )
     refuse_long_form(log)
     return without(with_constants(log, constants or {}, from_name or {}), given)

@@ -177,10 +177,11 @@ def _notice(experiment: Experiment, signal: Signal, found: IndexArray) -> Notice
         for k in found[:_LISTED]
     )
     more = f" and {found.size - _LISTED} more" if found.size > _LISTED else ""
-    stand, was = ("stands", "was") if found.size == 1 else ("stand", "were")
+    one = found.size == 1
+    are, was = ("is an isolated spike", "was") if one else ("are isolated spikes", "were")
     return Notice(
         "spikes",
-        f"{experiment.name}: {count_of(found.size, 'sample')} of '{signal.role}' {stand} alone, "
-        f"far from the neighbours ({listed}{more}), and {was} replaced by what lies between them. "
+        f"{experiment.name}: {count_of(found.size, 'sample')} of '{signal.role}' {are} "
+        f"({listed}{more}), and {was} replaced by interpolation. "
         "Check the cable, the converter and the logger.",
     )

@@ -327,6 +327,18 @@ class Column(Part):
     hold: Literal["zoh", "foh", "smooth"] | None = None
 
 
+class _KnownReading(BaseModel):
+    """How a log is written, as options of the reader."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    decimal: Annotated[str, Field(max_length=10)] | None = None
+    thousands: Annotated[str, Field(max_length=10)] | None = None
+    delimiter: Annotated[str, Field(max_length=10)] | None = None
+    skip_rows: Annotated[int, Field(ge=0)] = 0
+    header_row: Annotated[int, Field(ge=1)] | None = None
+
+
 class _KnownLogDetails(BaseModel):
     """Those of the details of a log that this program reads."""
 
@@ -335,6 +347,7 @@ class _KnownLogDetails(BaseModel):
     exclude: list[Annotated[str, Field(pattern=_EXCLUDED, max_length=100)]] = []
     window: Annotated[str, Field(pattern=_WINDOW, max_length=100)] | None = None
     invalid: Literal["drop", "refuse"] | None = None
+    reading: _KnownReading | None = None
 
     @field_validator("window")
     @classmethod

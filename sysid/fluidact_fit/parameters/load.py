@@ -59,7 +59,7 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocu
         text = read_yaml(path)
     except ParameterFileError as error:
         if Path(path).suffix.lower() in _LOGS and os.path.isfile(path):
-            raise ParameterFileError(where, [("", "is a log by its name")], _FIT_IT) from error
+            raise ParameterFileError(where, [("", "looks like a log")], _FIT_IT) from error
         raise
     return _read(text, lookup, where)
 

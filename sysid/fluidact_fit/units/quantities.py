@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import UnitError
-from .conversion import conversion_factor
+from .conversion import conversion_factor, same_dimension
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
@@ -90,8 +90,11 @@ def in_si(value: Any, *si_units: str) -> Any:
         value = parse_quantity(value)
     if not isinstance(value, NumberWithUnit):
         return value
-    wrong = f"{value.number:g} {value.unit} has a unit, and this is a plain number"
+    plain = wrong = f"{value.number:g} {value.unit} has a unit, and this is a plain number"
     for unit in si_units:
+        if unit == "1" and not same_dimension(value.unit, unit):
+            wrong = plain  # a column of raw readings may be in anything, a number may not
+            continue
         try:
             return value.in_unit(unit)
         except ValueError as error:

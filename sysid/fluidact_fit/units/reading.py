@@ -182,7 +182,7 @@ def _fault_of(name: str) -> str:
     if choices := AMBIGUOUS.get(fold(name)):
         return f"is not clear: it may be {choices}."
     if fold(name) in UNREAD:
-        return "is a unit that is not read."
+        return "is not supported."
     if slip := _SLIPPED.fullmatch(name):
         size = _PREFIXES[slip["prefix"]]
         return f"is taken for a slip: it would be {size} of {slip['unit']!r}."
