@@ -312,7 +312,8 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
     return Notice(
         "outliers",
         f"{count_of(n, 'sample')} {verb} far outside what the rest of the data allow, and {was} "
-        f"left out of the fit, which would have followed {'it' if one else 'them'} ({listed}{more}). "
+        f"left out of the fit, which would have followed {'it' if one else 'them'} ({listed}"
+        f"{more}). "
         f"Check the cable, the converter and the logger; where {which} at reversals, sample "
         "faster.",
     )
