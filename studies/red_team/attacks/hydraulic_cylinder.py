@@ -239,6 +239,21 @@ def record(
     return out
 
 
+def strokes(
+    rng: np.random.Generator, *, plant: Plant = Plant(), code: float = 1e-5, logs: int = 2
+) -> list[Recording]:
+    """Strokes at steady commands with rests between, read by an encoder of steps ``code`` [m]."""
+    out = []
+    for _ in range(logs):
+        levels = np.tile([1.0, 0.0, -1.0, 0.0], 4)[:14] * rng.uniform(0.3, 2.5, 14)
+        time, u = 1e-3 * np.arange(2000), np.repeat(np.append(levels, 0.0), 150)[:2000]
+        rows = simulate(plant, time, u)
+        rows[:, :2] += 5e3 * rng.standard_normal((time.size, 2))
+        rows[:, 2] = code * np.round(rows[:, 2] / code)
+        out.append({"time": time, "command": u, **dict(zip(CHANNELS, rows.T))})
+    return out
+
+
 def _lagging(recording: Recording, rng: np.random.Generator, role: str, lag: float) -> Recording:
     """A channel behind a filter of the first order."""
     x, share = recording[role].copy(), 1.0 - math.exp(-1e-3 / lag)
@@ -335,6 +350,7 @@ def attacks() -> Iterator[Attack]:
         yield attack("right model", name, plant, bounds=partial(_bounds, plant, **how), **how)
     yield attack("right model", "three logs", logs=3)
     yield attack("right model", "closed loop", feedback=1000.0)
+    yield replace(attack("right model", "encoder of 10 um", repetitions=4), record=strokes)
     yield attack("sampling", "5 % of the rows lost", lost=0.05)
     yield attack("sampling", "jitter of 30 %", jitter=0.3)
     yield attack("sampling", "500 Hz", step=2e-3)

@@ -312,18 +312,34 @@ def covariance(
     if robust and whole and codes_matter(jacobian, readings, bread, total, float(sigma)):
         step = max(step for _, step in readings)
         noise = max(sigma**2 - step**2 / 12.0, 0.0)
-        # whether it is symmetric is not known: both are tried, the larger counts
-        middles = (
-            code_errors(
-                jacobian, residuals, readings, bread, noise,
-                apart=local_unknowns > 0, mirrored=mirrored,
-            )
-            for mirrored in (False, True)
-        )  # fmt: skip
         rest = total * (noise / sigma**2)
-        total = largest([_positive(bread @ middle @ bread) + rest for middle in middles])
+        total = with_codes(
+            rest, jacobian, residuals, readings, bread, noise, apart=local_unknowns > 0
+        )
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
+
+
+def with_codes(
+    rest: FloatArray,
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    bread: FloatArray,
+    noise: float,
+    *,
+    apart: bool = False,
+) -> FloatArray:
+    """Covariance with the errors of a converter beside those of the ``rest``, ``(p, p)`` each.
+
+    The other arguments are those of :func:`.code_errors`. Whether a machine is symmetric is not
+    known: both are tried, the larger counts.
+    """
+    middles = (
+        code_errors(jacobian, residuals, readings, bread, noise, apart=apart, mirrored=mirrored)
+        for mirrored in (False, True)
+    )
+    return largest([_positive(bread @ middle @ bread) + rest for middle in middles])
 
 
 def information_units(

@@ -34,8 +34,9 @@ class GrayLog:
     """One experiment as the gray box sees it.
 
     ``command`` [V] and ``step`` [s] have shape ``(n - 1,)``; ``channels`` holds the measured
-    states (0: p1, 1: p2, 2: y) and ``measured`` their values, ``(len(channels), n)``. ``guess``
-    holds all four states from smoothed signals, ``(n, 4)``.
+    states (0: p1, 1: p2, 2: y), ``measured`` their values, ``(len(channels), n)``, and ``codes``
+    the steps of their converters, if they are known. ``guess`` holds all four states from smoothed
+    signals, ``(n, 4)``.
     """
 
     command: FloatArray
@@ -43,6 +44,7 @@ class GrayLog:
     channels: tuple[int, ...]
     measured: FloatArray
     guess: FloatArray
+    codes: tuple[float, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -61,7 +63,7 @@ class GrayLog:
         """Samples ``first`` to ``after``, exclusive."""
         return GrayLog(
             self.command[first : after - 1], self.step[first : after - 1], self.channels,
-            self.measured[:, first:after], self.guess[first:after],
+            self.measured[:, first:after], self.guess[first:after], self.codes,
         )  # fmt: skip
 
 
@@ -83,7 +85,8 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
         guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
     measured = np.array([e.sampled(CHANNELS[k]) for k in channels])
-    return GrayLog(mean_command(e), np.diff(e.time), channels, measured, guess)
+    codes = tuple(e.signals[CHANNELS[k]].resolution for k in channels)
+    return GrayLog(mean_command(e), np.diff(e.time), channels, measured, guess, codes)
 
 
 def mean_command(e: Experiment) -> FloatArray:

@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ...estimation.converter_errors import codes_matter
 from ...estimation.least_squares import column_scales, orthonormal, without
 from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
 from ...estimation.problem import Unknown, bounds_of
-from ...estimation.uncertainty import Uncertainty, enlarge, score_covariance
+from ...estimation.uncertainty import Uncertainty, enlarge, score_covariance, with_codes
 from ...experiment import BoolArray, FloatArray
 from .gray_box import SLOPES, GrayBox, GrayLog
 
@@ -131,7 +132,33 @@ class GrayPoint:
         ]
         by_scores = score_covariance(self.jacobian, self.residuals, channels)
         white = np.diag(self.bread) * self.cost / self.problem.rows
-        return replace(by_scores, covariance=enlarge(by_scores.covariance, white))
+        total = enlarge(by_scores.covariance, white)
+        for channel in range(len(self.problem.sigma)):
+            total = self._with_codes(channel, total)
+        return replace(by_scores, covariance=total)
+
+    def _with_codes(self, channel: int, total: FloatArray) -> FloatArray:
+        """The covariance with the errors of the converter of a channel, where they matter.
+
+        A piston at rest is read with one error all the time, which the scores of two logs hardly
+        show.
+        """
+        sigma = self.problem.sigma[channel]
+        parts = [
+            (j[k * log.samples : (k + 1) * log.samples], r[k * log.samples : (k + 1) * log.samples],
+             (log.measured[k] / sigma, log.codes[k] / sigma))
+            for log, j, r in zip(self.problem.logs, self.jacobian, self.residuals, strict=True)
+            if channel in log.channels and log.codes for k in [log.channels.index(channel)]
+        ]  # fmt: skip
+        if not parts:
+            return total
+        jacobian, residuals, readings = zip(*parts, strict=True)
+        spread = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+        if not codes_matter(jacobian, readings, self.bread, total, spread):
+            return total
+        step = max(step for _, step in readings)
+        noise = max(spread**2 - step**2 / 12.0, 0.0)
+        return with_codes(total, jacobian, residuals, readings, self.bread, noise)
 
     @cached_property
     def bread(self) -> FloatArray:
