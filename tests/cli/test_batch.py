@@ -212,3 +212,13 @@ def test_a_cluster_of_dask_gives_the_same(undisturbed: Undisturbed, tmp_path: Pa
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "summary.csv").read_bytes() == undisturbed.summary
+
+
+def test_the_terminal_says_once_why_jobs_have_failed(apart: Run, inside: Path) -> None:
+    """Three jobs of a family that there is not: "3 unusable" was all that was said."""
+    rows = "".join(f"{k},nofam,none{k}.csv\n" for k in range(3))
+    (inside / "jobs.csv").write_text("job,family,logs\n" + rows, encoding="utf-8")
+    done = apart("batch", "jobs.csv", "-o", "out", "--workers", "1", cwd=inside)
+    assert done.status == 0
+    assert done.err.count("there is no family 'nofam'") == 1
+    assert "error: job 0 and 2 more: " in done.err

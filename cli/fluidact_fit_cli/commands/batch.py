@@ -21,10 +21,12 @@ from ..show import echo, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
+    from fluidact_fit.batch.outcome import Outcome
     from fluidact_fit.batch.pools import Pool
 
 _ALIKE = "Instead of JOBS: logs that are named alike"
 _WHERE = "Where it runs"
+_TOLD = 5  # reasons of failed jobs that the terminal shows
 # What every fit of a worker needs, imported once for all of them.
 _PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
             "fluidact_fit.logs.reader", "pandas", "scipy.signal", "scipy.optimize")  # fmt: skip
@@ -103,12 +105,28 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     failed = sum(outcome.exit != 0 for outcome in outcomes)
     if not params["quiet"]:
         _show([outcome.status for outcome in outcomes])
+        _tell_failures(outcomes, target)
         echo_text("written to " + ", ".join(written))
     if failed and params["strict"]:
         raise StrictError(
             f"{failed} of {len(jobs)} jobs have no parameter file.",
             remedy=f"See {target / 'index.html'}, or what each said in {target / 'logs'}.",
         )
+
+
+def _tell_failures(outcomes: Sequence[Outcome], target: Path) -> None:
+    """Say once for each reason why jobs have no parameter file."""
+    from fluidact_fit.batch.targets import SUMMARY
+
+    alike: dict[str, list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.exit:
+            alike.setdefault(outcome.reason or outcome.message, []).append(outcome)
+    for first, *others in list(alike.values())[:_TOLD]:
+        more = f" and {len(others)} more" if others else ""
+        tell_message("error", f"job {first.job}{more}: {first.message}")
+    if len(alike) > _TOLD:
+        tell_message("note", f"{len(alike) - _TOLD} other reasons stand in {target / SUMMARY[0]}.")
 
 
 def _warn(progress: Progress, text: str) -> None:
