@@ -431,11 +431,24 @@ def _solve(
         if not causes and isinstance(error, NotIdentifiedError):
             causes = [c for c in (find_cause(variant, experiments),) if c is not None]
         if not causes:
-            raise
+            given = _given(request)
+            if not given or not isinstance(error, NotIdentifiedError):
+                raise
+            raise NotIdentifiedError(
+                error.what, where=error.where, expected=error.expected,
+                remedy=f"{error.remedy}\nOr these logs contradict {given}: try without.",
+            ) from error  # fmt: skip
         raise type(error)(
             " ".join([*(c.words for c in causes), error.what]), where=error.where,
             expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),
         ) from error  # fmt: skip
+
+
+def _given(request: Request[FamilyOptions]) -> str:
+    """Values and bounds that the user gave, as options."""
+    fixed = [f"--fix {name}={value:g}" for name, value in request.fixed.items()]
+    bounds = [f"--bounds {n}={low:g}:{high:g}" for n, (low, high) in request.bounds.items()]
+    return " ".join([*fixed, *bounds])
 
 
 def _at_given_bounds(

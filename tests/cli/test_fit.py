@@ -546,3 +546,10 @@ def test_logs_whose_units_differ_are_named_by_what_both_have(here: Run, inside: 
     done = here("line", "a.csv", "b.csv", *named)
     assert done.status == 3
     assert "--column 'inlet=p1 inlet' takes both, each in its own unit" in done.err
+
+
+def test_a_value_that_the_logs_contradict_is_named(here: Run, valve: Log) -> None:
+    """A gain of zero was a lack of steps in the log."""
+    done = here("valve", valve(), "--fix", "gain=0")
+    assert done.status == 4
+    assert "Or these logs contradict --fix gain=0: try without." in done.err

@@ -95,14 +95,15 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
                 expected=f"Its roles are {', '.join(known)}.",
                 remedy=remedy,
             )
-    for name in log.steps:
+    for name, step in log.steps.items():
+        option, what = ("--set", "constant") if step.start == step.end else ("--step", "step")
         if name == "time" or known[name].output:
             raise UsageError(
-                f"--step cannot replace '{name}'.", remedy="Only an input can be a known step."
+                f"{option} cannot replace '{name}'.", remedy=f"Only an input can be a known {what}."
             )
         if known[name].hold is None:
             raise UsageError(
-                f"--step cannot replace '{name}': it is needed sample by sample.",
+                f"{option} cannot replace '{name}': it is needed sample by sample.",
                 remedy=f"Give --column {name}=HEADER (or #N).",
             )
         if name in log.bindings:

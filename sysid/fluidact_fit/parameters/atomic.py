@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import secrets
@@ -240,6 +241,8 @@ def _explained(where: str, error: OSError | ValueError) -> OutputError:
         remedy = "Create the directory first, or give another name."
     elif isinstance(error, PermissionError):
         remedy = "Check the permissions of the directory, or give another name."
+    elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        remedy = "Give a shorter name."
     else:
         remedy = "Free some space or give another place. An existing file was left as it was."
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
