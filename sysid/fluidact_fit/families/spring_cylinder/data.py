@@ -173,20 +173,19 @@ def _prepare_run(
     else:
         direction = held_direction(turning, options.dead_band or 0.0)
     force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
-    name, role = (
-        ("position",) * 2 if options.motion_state == "position" else ("drive", variant.name)
-    )
+    turns_itself = options.motion_state == "position"
+    name, role = ("position", "position") if turns_itself else ("drive", variant.name)
     moves = drive if turning is None else turning
     noise = found[name].noise if name in found else 0.0
     if noise <= e.signals[role].resolution:
         noise = 0.0  # rounding
     # where the rod itself turns, the nearest velocities are of both directions
-    beside = REACH + 1 if name == "position" else 0
+    beside = REACH + 1 if turns_itself else 0
     away = _away_from_reversals(
         _without_itself(moves) if noise else moves, noise, direction, options.settle, beside
     )
     kept = (direction != 0.0) & motion.inside & away
-    if beside:  # it turned and came back within the dead band
+    if turns_itself:  # and came back within the dead band
         kept &= direction * motion.rate >= 0.0
     return Run(e, drive, position, motion.rate, direction, force, kept, found)
 
