@@ -95,7 +95,7 @@ def _facts(column: Mapping[str, Any]) -> Iterator[str]:
     elif bits and column["resolution"]:
         yield f"no noise, steps of {column['resolution']:.2g} {unit}".strip() + bits
     if found["rest"] >= _RESTS:
-        yield f"at rest {found['rest']:.0%} of the time".replace("%", " %")
+        yield f"steady {found['rest']:.0%} of the time".replace("%", " %")
     if found["reversals"]:
         yield f"{found['reversals']} reversal{'s' * (found['reversals'] > 1)}"
     yield from troubles(column)

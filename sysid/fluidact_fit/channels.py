@@ -63,7 +63,7 @@ class Channel:
     clipped_low, clipped_high
         Share of the samples that stand at the very end of the range, as noise never does.
     rest
-        Share of the time without motion beyond the noise.
+        Share of the time without a change beyond the noise.
     reversals
         How often it turned round, by more than a twentieth of its range.
     repeated
