@@ -47,8 +47,8 @@ class ValidRange(NamedTuple):
         far = beyond.flat[np.argmax(np.abs(beyond - 0.5 * (self.low + self.high)))]
         unit = "" if self.unit == "1" else f" {self.unit}"
         return (
-            f"{role} = {far:.6g}{unit} is outside of {self.low:.6g} to {self.high:.6g}{unit}, "
-            "the range that the data of the model covered: it extrapolates there"
+            f"{role} = {far:.6g}{unit} is outside {self.low:.6g} to {self.high:.6g}{unit}, the "
+            "range of the fitted data: the model extrapolates"
         )
 
 

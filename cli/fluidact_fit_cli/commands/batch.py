@@ -52,7 +52,7 @@ _PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
         Option(["--workers"], type=click.IntRange(1, 10_000), metavar="N", group=_WHERE,
                help="How many processes (default: one for each processor)."),
         Option(["--scheduler"], metavar="tcp://HOST:PORT", group=_WHERE,
-               help="Run on the workers of this Dask scheduler; they have to see the same files."),
+               help="Run on the workers of this Dask scheduler, which need access to the files."),
         Option(["--cluster"], type=click.Choice(["local", "slurm", "kubernetes"]), group=_WHERE,
                help="Start Dask workers on a cluster, as dask's configuration files describe it, "
                "and stop them afterwards."),

@@ -101,7 +101,7 @@ def _check(family: str, words: Sequence[str]) -> None:
     for word in words:
         if word.partition("=")[0] in _OURS or _SHORT.match(word):
             raise UsageError(
-                f"{word} has no place among the options of a job.",
+                f"{word} is not allowed in a job.",
                 remedy="Leave it out: the batch names logs and files.",
             )
 

@@ -93,7 +93,7 @@ def _show(found: StructureComparison, command: str) -> None:
         return
     echo()
     echo_text(
-        f"k: estimated parameters; ΔBIC: above the lowest, on the same {found.samples} samples"
+        f"k: estimated parameters; ΔBIC: relative to the lowest, on all {found.samples} samples"
     )
     if found.held_out:
         echo_text(f"held out: {found.held_out}, predicted by a fit to the rest")

@@ -43,9 +43,9 @@ _OUTPUT = {"--output": True, "-o": True, "--debug": False}
 def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None:
     """Find the family and the columns that fit LOGs, and fit it.
 
-    What is chosen is said, and stands in the file as the command that does the same. Where two
-    families fit alike, or two columns could be exchanged, a terminal is asked; elsewhere nothing is
-    fitted, and the commands are listed. `inspect` shows the choice alone.
+    The choice is printed, and saved in the file as the command that does the same. Where two
+    families fit alike, or two columns could be exchanged, you are asked on a terminal; otherwise
+    nothing is fitted, and the commands are listed. `inspect` shows the choice alone.
     """
     from fluidact_fit.advice import column_options, is_clear, suggest
     from fluidact_fit.files import shell_command

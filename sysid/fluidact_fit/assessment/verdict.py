@@ -41,8 +41,8 @@ def judge(
             Notice(
                 "residuals-autocorrelated",
                 f"the model misses the output by {percent_text(missed, '.1f')} of what it "
-                f"moves (RMS), {ratio:.0f} times its noise, and not at random: the machine, a "
-                "sensor or a given number does something that the model does not. No interval "
+                f"moves (RMS), {ratio:.0f} times its noise, and not at random: something in the "
+                "machine, a sensor or a given value is not in the model. No interval "
                 "covers that. Look at the picture (--plot): a slow trend is a drift, peaks at "
                 "reversals are friction, mass or a delay.",
             )

@@ -157,7 +157,7 @@ def _find(key: Key, known: Container[str], prefixes: Sequence[str]) -> tuple[str
 def _lacking(key: Key, names: Iterable[str]) -> Row:
     close = closest(_plain(key.name), names)
     hint = f" Is {close} meant?" if close else ""
-    message = f"{key.name}: the file holds no such key.{hint}"
+    message = f"{key.name}: missing in the file.{hint}"
     return Row("", key.name, "", key.unit, "lacking", message)
 
 

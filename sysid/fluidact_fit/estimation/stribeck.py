@@ -50,7 +50,7 @@ def stribeck_specs(force_unit: str, speed_unit: str) -> tuple[ParameterSpec, ...
     """Level and speed, entries of a family's parameter table."""
     rows = (
         ("stribeck", force_unit, "friction at the slowest motion, above the kinetic level"),
-        ("stribeck_speed", speed_unit, "speed at which 1/e of that is left"),
+        ("stribeck_speed", speed_unit, "Stribeck velocity, at which that has fallen to 1/e"),
     )
     return tuple(
         ParameterSpec(name, unit, words, neutral=0.0, minimum=0.0, optional=True, remedy=_SLOWER)

@@ -170,8 +170,8 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
     filled = raw.rstrip(b"\0")
     if filled and b"\0" not in filled and filled != raw:
         raise LogError(
-            f"the file ends with {len(raw) - len(filled)} zero bytes: the logger set room aside "
-            "that it did not fill, or lost what it had written.",
+            f"the file ends with {len(raw) - len(filled)} zero bytes: the logger pre-allocated "
+            "space that it never filled, or lost what it had written.",
             where=name,
             expected="Expected text to the end.",
             remedy="Check that nothing is missing, and remove them: tr -d '\\000' < LOG > COPY.",

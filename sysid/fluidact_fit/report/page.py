@@ -94,9 +94,9 @@ def write_document_html(
 def _check_suffix(path: str | os.PathLike[str]) -> None:
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise UsageError(
-            "a report is an HTML page",
+            "a report is written as HTML",
             where=os.fspath(path),
-            expected="A name that ends with .html.",
+            expected="Expected a name ending in .html.",
         )
 
 

@@ -365,4 +365,4 @@ def _describe_speeds(ranges: Mapping[str, tuple[float, float]], axis: Axis) -> s
         f"{low:.3g} and {high:.3g} {axis.speed_unit} ({s} direction)"
         for s, (low, high) in ranges.items()
     ]
-    return "all strokes, apart from their ends, are between " + " and between ".join(parts)
+    return "all strokes (ends excluded) run between " + " and between ".join(parts)

@@ -106,7 +106,7 @@ def check_options(
         without = [e.name for e in experiments if role not in e]
         if area is None and len(without) < len(experiments):
             raise UsageError(
-                f"there is a {role}, but no area to turn it into a force",
+                f"a {role} was given without a piston area",
                 remedy=f"Give --{name}=M2 ({example}){otherwise}.",
             )
         if area is None or not without or role == variant.output.name:
