@@ -404,9 +404,9 @@ def test_units_of_the_field(unit: str, si: str, factor: float | None) -> None:
         ("1.000 mm", "m", "range"),
         ("mm*10", "m", "not written as a unit"),
         ("attocarat", "kg", "not known"),
-        ("furlong", "m", "not read"),
+        ("furlong", "m", "not supported"),
         ("mNewton", "N", "not known"),
-        ("thousandths", "m", "not read"),
+        ("thousandths", "m", "not supported"),
         ("0-10 V", "V", "not written as a unit"),
     ],
 )

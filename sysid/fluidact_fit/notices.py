@@ -167,6 +167,10 @@ _READING = {
         "Columns were sampled at different instants.",
         "Nothing: each is used at its own instants.",
     ),
+    "time-contradicted": _warning(
+        "`--sample-time` was given, and the time column of the log says something else.",
+        "Leave `--sample-time` out unless the column is wrong.",
+    ),
     "time-joined": _information(
         "Seconds and their fraction stand in two columns, which were joined to one time.",
         "Nothing.",
@@ -174,10 +178,6 @@ _READING = {
     "time-out-of-order": _warning(
         "Lines whose time is earlier than that of the line before were left out.",
         "Check the lines that are named; `--sample-time` replaces the time column.",
-    ),
-    "time-contradicted": _warning(
-        "`--sample-time` was given, and the time column of the log says something else.",
-        "Leave `--sample-time` out unless the column is wrong.",
     ),
     "time-replaced": _information(
         "The log has a time column, but `--sample-time` was given and replaces it.",

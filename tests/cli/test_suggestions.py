@@ -45,7 +45,7 @@ def test_a_log_in_place_of_a_parameter_file_is_recognised(
     log.write_bytes(content)
     done = here("export", log, "--to", "c")
     assert done.status == 3
-    assert "is looks like a log" in done.err
+    assert "looks like a log" in done.err
     assert "fluidact-fit inspect" in done.err
     with pytest.raises(ff.ParameterFileError, match="Fit the log first"):
         ff.load(log)

@@ -242,7 +242,7 @@ def test_time_is_required_unless_the_sample_time_is_given(tmp_path: Path) -> Non
     timed = write(tmp_path, table([0.1 * k for k in range(9)]))
     (one,), notices = run(timed, sample_time=0.5)
     assert one.sample_time == 0.5
-    assert codes(notices) == {"time-replaced"}
+    assert codes(notices) == {"time-contradicted"}
 
 
 def test_static_logs_need_no_time(tmp_path: Path) -> None:
