@@ -235,12 +235,13 @@ def read_logs(
 ) -> list[Log]:
     """Read logs with the options of the command line, or else as those of a file were written."""
     from fluidact_fit.logs import open_logs
-    from fluidact_fit.recall import open_as_fitted
 
     paths = list(paths)
     others = dict.fromkeys(p for name in _LOGS for p in _listed(params.get(name)))
     beside = [path for path in others if path not in paths]
     if document is not None:
+        from fluidact_fit.recall import open_as_fitted
+
         return open_as_fitted(document, paths, beside=beside, **reading(params))
     return open_logs(paths, beside=beside, **reading(params))
 

@@ -346,7 +346,7 @@ _JUDGEMENT = {
         "Nothing, if the machine reverses the sign; else give `--scale ROLE=-1`.",
     ),
     "timing-matters": _information(
-        "A channel that were recorded one sample later would change a parameter by a good part, "
+        "If a channel were recorded one sample later, a parameter would change by a good part, "
         "and nothing in the data would show it.",
         "Check that all channels are read at the same instant and filtered alike.",
     ),

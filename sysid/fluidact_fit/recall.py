@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from .errors import LogError, Notice, UsageError
+from .errors import FluidactError, LogError, Notice, UsageError
 from .logs import Log, LogLike, StepInput, open_logs, share_columns
 from .logs.columns import matching, reference_of
 from .logs.opening import listed_logs
@@ -38,15 +39,14 @@ def open_as_fitted(
         own = ((s.details or {}).get("reading") for s in document.provenance.logs)
         recorded: dict[str, Any] = next(filter(None, own), {})
         given = {name: value for name, value in reading.items() if value is not None}
-        if not recorded.keys() - given.keys():
-            raise
-        try:
-            opened = open_logs(each, beside=others, **{**recorded, **given})
-        except LogError:
-            opened = []
+        used = {name: value for name, value in recorded.items() if name not in given}
+        opened = []
+        if used:
+            with suppress(FluidactError):
+                opened = open_logs(each, beside=others, **given, **used)
         if not opened:
             raise
-    options = " ".join(f"--{n.replace('_', '-')} {value}" for n, value in recorded.items())
+    options = " ".join(f"--{n.replace('_', '-')} {value}" for n, value in used.items())
     return [
         replace(log, notices=(*log.notices, Notice(
             "read-as-fitted", f"{log.name}: read with {options}, as the logs of the fit were.")))

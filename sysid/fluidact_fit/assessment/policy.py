@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..estimation.results import FEW_INDEPENDENT
+
 
 @dataclass(frozen=True)
 class Threshold:
@@ -126,7 +128,8 @@ FEEDBACK_BY_NOISE = _declare(
     "tests/test_feedback_and_spikes.py: a regulator")
 INDEPENDENT = _declare(
     "independent",
-    8.0, "independent samples an unknown: with fewer, errors of 4 standard errors were seen",
+    FEW_INDEPENDENT,
+    "independent samples an unknown: with fewer, errors of 4 standard errors were seen",
     "tests/assessment/test_examinations.py: errors that last")
 WIDER = _declare(
     "wider",

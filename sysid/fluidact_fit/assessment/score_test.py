@@ -198,7 +198,7 @@ def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> list[Notice]
     inputs = at.solution.noise.inputs
     hidden = judged.count(Unjudged.HIDDEN)
     said = any(n.code == "input-noise-left" for n in at.solution.notices)
-    if not inputs or said or hidden < policy.HIDDEN * len(judged):
+    if not inputs or said or not hidden or hidden < policy.HIDDEN * len(judged):
         return []
     role = next(iter(inputs))
     noise = at.signal(role).text(inputs[role].sigma, ".2g")

@@ -26,6 +26,12 @@ def is_coarse(step: float, sigma: float) -> bool:
     return step**2 / 12.0 >= _MUCH * sigma**2
 
 
+def noise_beside(readings: Sequence[tuple[FloatArray, float]], sigma: float) -> float:
+    """Variance of a residual of that standard deviation without the errors of the converter."""
+    step = max(step for _, step in readings)
+    return max(sigma**2 - step**2 / 12.0, 0.0)
+
+
 def code_errors(
     jacobian: Sequence[FloatArray],
     residuals: Sequence[FloatArray],

@@ -22,7 +22,7 @@ from .uncertainty import t_quantile
 
 S = TypeVar("S")
 _ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
-_FEW_INDEPENDENT = 8.0  # independent samples a value, as few as errors of a wrong model leave
+FEW_INDEPENDENT = 8.0  # independent samples an unknown, with fewer of which intervals fail
 
 
 @dataclass(frozen=True)
@@ -257,14 +257,14 @@ def left_open(
     if not worst:
         return []
     could_be = _interval(solved.values[worst], solved.half_width(worst), specs[worst])
-    if solved.independent > _FEW_INDEPENDENT * len(solved.names):
+    if solved.independent > FEW_INDEPENDENT * len(solved.names):
         return [Refusal(worst, f"it could be {could_be}.")]
     return [
         Refusal(
             worst,
-            f"it could be {could_be}. The model misses the output by errors that change as slowly "
-            f"as those of only {max(solved.independent, 1.0):.0f} independent samples: it lacks "
-            "something that the machine or a sensor does.",
+            f"it could be {could_be}. The model misses the output by errors that change so slowly "
+            f"that they are worth only about {max(solved.independent, 1.0):.0f} independent "
+            "samples: something in the machine or a sensor is not in the model.",
             remedy="Look for another gain in the other direction, a leak, a drift or an offset: "
             "fit each direction, or a part of the logs, by itself (--window, --exclude). An output "
             "that accumulates what is missing, such as a position, shows less than its rate.",

@@ -101,7 +101,7 @@ def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> list[Notice]:
         "beginning-left-out",
         f"the first {as_time(begin.unrecorded)} of every run ({left} of "
         f"{sum(e.samples for e in runs)} samples) answer to an input before the log began, and "
-        "were left out. Begin recording at rest; where it was, give --start-state rest.",
+        "were left out. Begin recording at rest; if the logs do, give --start-state rest.",
     )]  # fmt: skip
 
 

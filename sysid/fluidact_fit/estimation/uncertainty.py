@@ -25,7 +25,7 @@ import numpy as np
 from ..experiment import BoolArray, FloatArray
 from ..rows import blocks, square_sum
 from .blocks import condensed
-from .converter_errors import code_errors, codes_matter
+from .converter_errors import code_errors, codes_matter, noise_beside
 from .recursion import run_recursion
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
@@ -310,8 +310,7 @@ def covariance(
         degrees = max(int(min(effective, independent)) - p, 1)
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
     if robust and whole and codes_matter(jacobian, readings, bread, total, float(sigma)):
-        step = max(step for _, step in readings)
-        noise = max(sigma**2 - step**2 / 12.0, 0.0)
+        noise = noise_beside(readings, float(sigma))
         rest = total * (noise / sigma**2)
         total = with_codes(
             rest, jacobian, residuals, readings, bread, noise, apart=local_unknowns > 0

@@ -177,8 +177,8 @@ def _repeated_rows(channels: Sequence[FloatArray]) -> tuple[slice, int] | None:
             first, apart = min(part.start, other), abs(part.start - other)
             if apart < _ROWS:
                 continue
-            other_rows = np.any([c[apart:] != c[:-apart] for c in channels], axis=0)
-            ends = np.concatenate(([-1], np.flatnonzero(other_rows), [other_rows.size]))
+            unlike = np.any([c[apart:] != c[:-apart] for c in channels], axis=0)
+            ends = np.concatenate(([-1], np.flatnonzero(unlike), [unlike.size]))
             k = int(np.searchsorted(ends, first))
             return slice(int(ends[k - 1]) + 1 + apart, int(ends[k]) + apart), apart
     return None

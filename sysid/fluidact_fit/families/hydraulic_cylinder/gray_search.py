@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...estimation.converter_errors import codes_matter
+from ...estimation.converter_errors import codes_matter, noise_beside
 from ...estimation.least_squares import column_scales, orthonormal, without
 from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
@@ -156,8 +156,7 @@ class GrayPoint:
         spread = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
         if not codes_matter(jacobian, readings, self.bread, total, spread):
             return total
-        step = max(step for _, step in readings)
-        noise = max(spread**2 - step**2 / 12.0, 0.0)
+        noise = noise_beside(readings, spread)
         return with_codes(total, jacobian, residuals, readings, self.bread, noise)
 
     @cached_property

@@ -203,8 +203,8 @@ def _away_from_reversals(
 ) -> BoolArray:
     """Samples whose friction has reversed: what moves has come far enough since the reversal.
 
-    ``noise`` is the distance from the extreme within which a reversal may have come earlier; the
-    extreme itself, and so many samples ``beside`` it less one, are left out with it.
+    ``noise`` is the distance from the extreme within which a reversal may have come earlier.
+    Unless ``beside`` is 0, the extreme and ``beside - 1`` samples on either side are left out too.
     """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(moves))
