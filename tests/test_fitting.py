@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.signal import lsim
 
 import fluidact_fit as ff
 from fluidact_fit_cli.main import run
@@ -132,3 +134,33 @@ def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
 def test_numbers_that_are_none_are_named(fit: Fit, given: dict[str, object], words: str) -> None:
     with pytest.raises(ff.UsageError, match=words):
         fit(LOGS[0], **given)
+
+
+def test_a_refused_fit_names_the_term_that_describes_the_log() -> None:
+    """ "Move faster" was the remedy for a mass on a spring: a model without one follows nowhere."""
+    rng = np.random.default_rng(5)
+    mass, damping, stiffness = 2.0, 60.0, 3000.0
+    time = np.arange(3000) * 0.002
+    force = np.repeat(rng.uniform(-20.0, 20.0, 12), 250)
+    held = (np.arange(3000 * 5) * 0.0004, np.repeat(force, 5))
+    _, fine, _ = lsim(([1.0], [mass, damping, stiffness]), held[1], held[0], interp=False)
+    position = fine[::5] + rng.normal(0.0, 1e-5, 3000)
+    log = {"time": time, "force": force, "position": position}
+    with pytest.raises(ff.NotIdentifiedError, match="describes these logs") as e:
+        ff.fit_hydrostatic(log, hold={"force": "zoh"})
+    assert e.value.option == "--stiffness=estimate"
+    found = ff.fit_hydrostatic(log, hold={"force": "zoh"}, stiffness="estimate").parameters
+    assert found["mass"].number == pytest.approx(mass, rel=0.01)
+    assert found["stiffness"].number == pytest.approx(stiffness, rel=0.01)
+
+
+def test_what_a_declared_hold_of_a_measured_force_decides_is_told() -> None:
+    """A hand's force declared a command: a mass 17 % off passed without a word."""
+    log = DATA.parent / "hydrostatic" / "trial1.csv"
+    columns = {"time": "t [s]", "force": "F [N]", "position": "x [mm]"}
+    held = ff.fit_hydrostatic(log, columns=columns, hold={"force": "zoh"})
+    (said,) = (n for n in held.notices if n.code == "hold-as-given")
+    measured = ff.fit_hydrostatic(log, columns=columns, hold={"force": "smooth"})
+    shift = measured.parameters["mass"].number - held.parameters["mass"].number
+    assert f"mass would change by {shift:+.2g}" in said.message
+    assert not [n for n in measured.notices if n.code.startswith("hold-")]

@@ -308,9 +308,17 @@ class ExistingFileError(OutputError):
 
 
 class NotIdentifiedError(FluidactError):
-    """The data cannot determine what was asked (exit status 4)."""
+    """The data cannot determine what was asked (exit status 4).
+
+    ``option`` is one of the command line with which the same logs are described; empty where none
+    is known.
+    """
 
     exit_status = 4
+
+    def __init__(self, what: str, *, option: str = "", **words: str) -> None:
+        super().__init__(what, **words)
+        self.option = option
 
 
 class StrictError(FluidactError):

@@ -621,9 +621,10 @@ def fit_line(
 
 def fit_cylinder_friction(
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, area: float | str | None = None,
-    area_2: float | str | None = None, mass: float | str | None = None,
-    inertia: float | str | None = None, filter: float | str | None = None,
-    deadband: float | str | None = None, offset: Literal["auto", "estimate", "none"] = "auto",
+    area_2: float | str | None = None, pressures: Literal["resist", "drive"] = "resist",
+    mass: float | str | None = None, inertia: float | str | None = None,
+    filter: float | str | None = None, deadband: float | str | None = None,
+    offset: Literal["auto", "estimate", "none"] = "auto",
     stribeck: Literal["none", "estimate"] = "none",
     viscous: Literal["symmetric", "asymmetric"] = "symmetric",
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
@@ -649,7 +650,8 @@ def fit_cylinder_friction(
         force - (area * pressure - area_2 * pressure_2) - mass * acceleration = coulomb_positive [v
         > 0] - coulomb_negative [v < 0] + viscous * v + sign(v) * stribeck * exp(-(v /
         stribeck_speed)^2), v the velocity; without a force, area * pressure - area_2 * pressure_2
-        drives; torque, inertia and angular velocity of a shaft alike
+        drives, and with --pressures=drive against the force of a load; torque, inertia and angular
+        velocity of a shaft alike
 
     Roles (velocity): ``time`` [s] (optional), ``force`` [N], ``velocity`` [m/s], ``pressure`` [Pa]
     (optional), ``pressure_2`` [Pa] (optional).
@@ -701,6 +703,9 @@ def fit_cylinder_friction(
         Piston area that the pressure acts on: a number not below 0 [m2].
     area_2
         Area that pressure_2 acts on: a number not below 0 [m2].
+    pressures
+        Beside a measured force: whether that moves the piston against the pressures, or they move
+        it against the force of a load.
     mass
         Moving mass, to subtract inertia: a number not below 0 [kg].
     inertia

@@ -38,6 +38,7 @@ from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
 from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
+from .other_structure import with_other_structure
 from .outcome import Simulation
 from .result import FitResult
 from .specification import ParameterSpec, Role
@@ -431,9 +432,14 @@ def _solve(
         if not causes and isinstance(error, NotIdentifiedError):
             causes = [c for c in (find_cause(variant, experiments),) if c is not None]
         if not causes:
-            given = _given(request)
-            if not given or not isinstance(error, NotIdentifiedError):
+            if not isinstance(error, NotIdentifiedError):
                 raise
+            given = _given(request)
+            if not given:
+                other = with_other_structure(error, family, variant, experiments, request)
+                if other is error:
+                    raise
+                raise other from error
             raise NotIdentifiedError(
                 error.what, where=error.where, expected=error.expected,
                 remedy=f"{error.remedy}\nOr these logs contradict {given}: try without.",
@@ -523,8 +529,9 @@ def _naming_placeholders(notices: Sequence[Notice]) -> Iterator[None]:
             raise
         remedy = "\n".join([*found, error.remedy])
         raise NotIdentifiedError(
-            error.what, where=error.where, expected=error.expected, remedy=remedy
-        ) from error
+            error.what, where=error.where, expected=error.expected, remedy=remedy,
+            option=error.option,
+        ) from error  # fmt: skip
 
 
 @contextmanager

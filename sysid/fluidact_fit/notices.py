@@ -274,6 +274,11 @@ _JUDGEMENT = {
         "The two halves of the data give different values of a parameter.",
         "Fit them separately: the machine changed, or the model describes only part of it.",
     ),
+    "hold-as-given": _information(
+        "A measured input was declared a held command and glides through its samples, and a "
+        "parameter depends on what it did in between, which the data cannot determine.",
+        "Leave `--hold` out if the column was measured.",
+    ),
     "hold-doubtful": _warning(
         "The data fit better if an input is taken to behave differently between its samples.",
         "Say with `--hold` whether the column is a held command or a measured signal.",

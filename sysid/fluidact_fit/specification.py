@@ -229,11 +229,15 @@ class Structure:
         all set it.
     fixed
         Parameters that it leaves out, by name, at the value without effect [SI].
+    instead
+        Whether it is tried where a form that differs in one option is refused: a fit of it has to
+        be quick.
     """
 
     name: str
     options: Mapping[str, str] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
+    instead: bool = False
 
 
 @dataclass(frozen=True)

@@ -373,6 +373,9 @@ def test_fit_leaves_a_family_that_describes_poorly_to_people(here: Run, inside: 
     done = here("fit", "two.csv", "-o", "two.yaml")
     assert done.status == 2
     assert "--sample-time SECONDS" in done.err
+    offered = [line for line in done.err.splitlines() if "two.csv" in line and "--column" in line]
+    assert offered
+    assert all(line.count(" -o two.yaml") == line.count(" -o ") == 1 for line in offered)
     assert not (inside / "two.yaml").exists()
 
 

@@ -764,3 +764,34 @@ def test_corners_between_readings_bias_no_strokes_at_20_hz(tmp_path: Path) -> No
             assert q.std_error < 4.0 * b
             assert abs(q.value - law[name]) < 4.0 * q.std_error
         assert found.verdict == "pass"
+
+
+def test_pressures_that_move_a_measured_load() -> None:
+    """Two pressures and a load cell at the rod: no remedy that was printed led to the friction."""
+    rng = np.random.default_rng(8)
+    time = np.arange(0.0, 12.0, 0.002)
+    at = [0.0, 0.3, 1.3, 1.6, 2.4, 2.7, 3.3, 3.6, 4.4, 4.7, 5.7, 6.0]
+    speeds = [0.0, 0.05, 0.05, 0.15, 0.15, 0.0, -0.05, -0.05, -0.15, -0.15, -0.05, 0.0]
+    speed = np.interp(time % 6.0, at, speeds)
+    areas, load = (12.566e-4, 7.658e-4), 300.0 + 50.0 * np.sin(time)
+    friction = np.where(speed > 0, 85.0, -70.0) * (speed != 0) + 220.0 * speed
+    second = 8e5 + 1e5 * np.cos(2.0 * time)
+    first = (friction + load + areas[1] * second) / areas[0]
+    log = {
+        "time": time, "velocity": speed, "pressure": first + rng.normal(0, 300, time.size),
+        "pressure_2": second + rng.normal(0, 300, time.size), "force": load,
+    }  # fmt: skip
+    how = {"area": areas[0], "area_2": areas[1]}
+    with pytest.raises(LogError, match="pressures"):
+        ff.fit_cylinder_friction(log, **how)
+    found = ff.fit_cylinder_friction(log, **how, pressures="drive")
+    truth = {"coulomb_positive": 85.0, "coulomb_negative": 70.0, "viscous": 220.0}
+    for name, value in truth.items():
+        q = found.parameters[name]
+        assert abs(q.number - value) < 4.0 * q.std_error
+        assert q.std_error < 0.02 * value
+    assert found.document.fit.fit_percent > 95.0  # of the load, simulated with its own sign
+    with pytest.raises(UsageError, match="pressures"):
+        ff.fit_cylinder_friction(
+            {n: log[n] for n in ("time", "velocity", "force")}, pressures="drive"
+        )

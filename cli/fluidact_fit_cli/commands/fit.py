@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
 
-_OUTPUT = {"--output": True, "-o": True, "--debug": False}
-
-
 @click.command(
     "fit",
     cls=options.Command,
@@ -58,7 +55,7 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
         if params["output"] is None:
             targets.pop("-o", None)  # named like the family
         check_targets(targets, logs, params["force"])
-        typed = options.typed_words(invocation, "fit", _OUTPUT)
+        typed = options.typed_words(invocation, "fit", {"--debug": False})
         found = suggest(read, logs, words=typed, progress=progress)
     chosen = found[0] if is_clear(found) else _ask(found, read[0])
     words = [w for w in invocation.args if w != "--debug"]
@@ -132,7 +129,7 @@ def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
 
     what, remedy = "these logs can be read in more than one way.", "Run the intended command."
     if able[0].options:
-        what = f"{able[0].reason} No row is dropped unless you ask for it."
+        what = able[0].reason
     elif able[0].basis:
         what = able[0].basis
     elif len(able) == 1 and not able[0].unsure:

@@ -17,8 +17,10 @@ from .trial import bound_log
 def with_command(s: Suggestion, logs: Sequence[Log], typed: Sequence[str]) -> Suggestion:
     """Return a suggestion with its command, for logs whose options were ``typed``."""
     asked = [word for option in s.asked for word in shlex.split(option)]
+    named = any(word.startswith(("-o", "--output")) for word in typed)
+    output = [] if named else ["-o", f"{s.family}.yaml"]
     words = ["fluidact-fit", s.family, *typed, *column_options(s, logs), *s.options,
-             *asked, "-o", f"{s.family}.yaml"]  # fmt: skip
+             *asked, *output]  # fmt: skip
     return replace(s, command=shell_command(words), powershell=powershell_command(words))
 
 

@@ -19,7 +19,7 @@ from ..model_free import Views, view_fit, view_runs
 from .suggestion import Suggestion
 
 _OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
-_DROP = ("--invalid=drop",)
+_DROP = "--invalid=drop"
 _ROWS = 50_000  # of all logs, beyond which none is tried
 
 
@@ -42,18 +42,22 @@ def _try_fit(
     """Return a suggestion with the outcome of a fit."""
     if progress is not None:
         progress(f"trying {s.family}")
-    if s.options == _DROP:
+    if _DROP in s.options:
         logs = [replace(log, invalid="drop") for log in logs]
+    pairs = (option.removeprefix("--").split("=") for option in s.options if option != _DROP)
+    chosen = {name.replace("-", "_"): value for name, value in pairs}
     try:
-        result = fit(s.family, bound_logs(logs, s))
+        result = fit(s.family, bound_logs(logs, s), **chosen)
     except NotIdentifiedError as error:
+        if error.option and not chosen:
+            why = f"without {error.option}, {error.what}"
+            return _try_with(error.option, why, s, logs, progress)
         return replace(s, verdict="refused", reason=_one_line(error))
     except (UsageError, LogError) as error:
         unsaid = not s.options and all(log.invalid is None for log in logs)
-        if "--invalid=drop" in error.remedy and unsaid:
-            tried = _try_fit(replace(s, options=_DROP), logs, progress)
-            left_out = f"{error.where}: {error.what} The suggested command drops such rows."
-            return replace(tried, reason=f"{left_out} {tried.reason}".strip())
+        if _DROP in error.remedy and unsaid:
+            why = f"{error.where}: {error.what} No row is dropped unless you ask for it."
+            return _try_with(_DROP, why, s, logs, progress)
         return replace(s, reason=_one_line(error), asked=tuple(_OPTION.findall(error.remedy)))
     free = [q for q in result.parameters.values() if q.status == "estimated"]
     lost = [n for n, q in result.parameters.items() if q.status == "not_identified"]
@@ -64,6 +68,18 @@ def _try_fit(
         not_identified={n: next((m for m in said if m.startswith(f"{n} ")), "") for n in lost},
         result=result,
     )  # fmt: skip
+
+
+def _try_with(
+    option: str,
+    why: str,
+    s: Suggestion,
+    logs: Sequence[Log],
+    progress: Callable[[str], None] | None,
+) -> Suggestion:
+    """The same with an option that the first trial asked for; the reason says why."""
+    tried = _try_fit(replace(s, options=(*s.options, option)), logs, progress)
+    return replace(tried, reason=f"{why} {tried.reason}".strip())
 
 
 def _one_line(error: FluidactError) -> str:

@@ -68,8 +68,14 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
             continue
         table[role.name] = asdict(found)
         said = _hold_notice(role.name, found, at.solution.values)
-        unsure = role.name not in declared and _looks_otherwise(at.fitted, role.name, found.hold)
-        if said and (said.code == "hold-doubtful" or unsure):
+        if said and said.code == "hold-matters":
+            if not _looks_otherwise(at.fitted, role.name, found.hold):
+                continue
+            if role.name in declared:
+                if role.hold != "auto" or taken != "zoh":
+                    continue  # as the family takes it
+                said = replace(said, code="hold-as-given")
+        if said:
             notices.append(said)
     return table, notices
 

@@ -140,9 +140,9 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
             "few-independent-samples",
             f"the residuals are so strongly autocorrelated that {at.samples} samples are worth "
             f"about {independent:.0f} independent ones, with {count_of(unknowns, 'unknown')} "
-            "fitted to them: the parameters may be off by more than their intervals say. Resolve "
-            "the other warnings first: they may be the cause. Then record for longer, with more "
-            "strokes over the whole range. Faster sampling does not help.",
+            "fitted to them: the parameters may be off by more than their intervals say. Other "
+            "warnings, if there are any, may name the cause: resolve them first. Then record for "
+            "longer, with more strokes over the whole range. Faster sampling does not help.",
         )
     ]
 

@@ -1,11 +1,12 @@
 """Friction of a cylinder: two Coulomb levels and viscous friction, which can differ as well.
 
     F_f = F_c+ [v > 0] - F_c- [v < 0] + b v (+ sign(v) F_s exp(-(v / v_s)^2) with --stribeck)
-    F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell
+    F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell that feels what drives
+    F_f = A_1 p_1 - A_2 p_2 - F - m a        with one that feels the load: --pressures=drive
     F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
-``F`` is what drives the motion, positive along positive velocity; pressure forces and the
-inertia ``m a`` are subtracted when the areas and the mass are given. Of a shaft, torque, moment of
+``F`` drives the motion, positive along positive velocity, or is the load against it. Pressure
+forces and the inertia ``m a`` are subtracted when areas and mass are given. Of a shaft, torque, moment of
 inertia and angular velocity stand in the same equation, with friction in N m. All levels are
 magnitudes. Only moving samples are used [1]_: near standstill friction is a matter of presliding
 and stiction, and a smoothed sign would bias the levels. How noise of the motion is treated, and
@@ -169,8 +170,9 @@ class CylinderFriction(Family[FrictionOptions]):
     name = "cylinder-friction"
     title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
     equation = (
-        f"{_equation(LINEAR, f'force - ({_AREAS})')}; without a force, {_AREAS} drives; torque, "
-        "inertia and angular velocity of a shaft alike"
+        f"{_equation(LINEAR, f'force - ({_AREAS})')}; without a force, {_AREAS} drives, and with "
+        "--pressures=drive against the force of a load; torque, inertia and angular velocity of a "
+        "shaft alike"
     )
     variants = tuple(
         _variant(axis, motion, pressures)

@@ -164,6 +164,7 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     remedy = f"Give --scale {axis.drive}=-1 if the sensor has the opposite sign."
     if axis is LINEAR:
         remedy += (
+            " If the pressures move the piston against the measured force, give --pressures=drive."
             " If the force comes from one chamber's pressure, the other chamber is missing: give "
             "both as --column pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, "
             "without a force."

@@ -22,6 +22,12 @@ class FrictionOptions(FamilyOptions):
 
     area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
+    pressures: str = choice(
+        "resist",
+        ("resist", "drive"),
+        "beside a measured force: whether that moves the piston against the pressures, or they "
+        "move it against the force of a load",
+    )
     mass: float | None = number(help="moving mass, to subtract inertia", unit="kg", minimum=0)
     inertia: float | None = number(
         help="moment of inertia of what turns, to subtract it", unit="kg m2", minimum=0
@@ -94,6 +100,13 @@ def check_options(
     """
     driven = driven_by_pressure(variant)
     _check_axis(variant, options)
+    if options.pressures == "drive" and not any(
+        "pressure" in e and not driven and axis_of(variant) is LINEAR for e in experiments
+    ):
+        raise UsageError(
+            "--pressures=drive is about logs of a force and of what the pressures do beside it.",
+            remedy="Give --column force=HEADER and --column pressure=HEADER, or leave it out.",
+        )
     if driven:
         _check_chambers(experiments)
     otherwise = (
@@ -106,7 +119,7 @@ def check_options(
         without = [e.name for e in experiments if role not in e]
         if area is None and len(without) < len(experiments):
             raise UsageError(
-                f"a {role} was given without a piston area",
+                f"'{role}' was given without a piston area",
                 remedy=f"Give --{name}=M2 ({example}){otherwise}.",
             )
         if area is None or not without or role == variant.output.name:

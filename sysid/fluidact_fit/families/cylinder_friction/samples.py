@@ -214,7 +214,10 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
 def _drive(
     variant: Variant, experiment: Experiment, options: FrictionOptions
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Return the drive, ``None`` if it was not recorded, and the opposing pressure force [N]."""
+    """Return the drive, ``None`` if it was not recorded, and the opposing pressure force [N].
+
+    Where the pressures move the piston against a measured load, both with the other sign.
+    """
     first, second = (
         np.zeros(experiment.samples)
         if area is None or role not in experiment
@@ -224,7 +227,14 @@ def _drive(
     recorded = variant.output.name in experiment
     if driven_by_pressure(variant):
         return first if recorded else None, second
-    return experiment.sampled(variant.output.name) if recorded else None, first - second
+    sign = _sign(options)
+    drive = sign * experiment.sampled(variant.output.name) if recorded else None
+    return drive, sign * (first - second)
+
+
+def _sign(options: FrictionOptions) -> float:
+    """Sign of a measured force that drives the motion, or is that of a load."""
+    return -1.0 if options.pressures == "drive" else 1.0
 
 
 def prepare(
@@ -235,7 +245,7 @@ def prepare(
     motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
     options = replace(options, filter=half_width, deadband=deadband)
-    scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
+    scale = float(options.area or 1.0) if driven_by_pressure(variant) else _sign(options)
     out = []
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
@@ -253,7 +263,7 @@ def prepare(
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & described(motion, options)
         driven = drive is not None
-        resolution = scale * e.signals[variant.output.name].resolution if driven else 0.0
+        resolution = abs(scale) * e.signals[variant.output.name].resolution if driven else 0.0
         reading = rest if drive is None else drive
         out.append(
             Data(e, motion, pressure + inertia, rest - inertia, matched, reading, resolution,

@@ -157,7 +157,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         Structure("no hysteresis, no dead time", {"dead-time": "none"}, {"hysteresis": 0.0}),
         Structure("hysteresis", {"dead-time": "none"}),
         Structure("dead time", {"dead-time": "estimate"}, {"hysteresis": 0.0}),
-        Structure("hysteresis, dead time", {"dead-time": "estimate"}),
+        Structure("hysteresis, dead time", {"dead-time": "estimate"}, instead=True),
     )
     gain, robust, common_offset = "gain", True, False
     steady_offset = True

@@ -116,14 +116,13 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             "no dead zone", {"dead-time": "none", "stiffness": "none"},
             {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
         ),
-        *(
-            Structure(name, {"dead-time": late, "stiffness": spring})
-            for name, late, spring in (
-                ("dead zone", "none", "none"),
-                ("dead zone, dead time", "estimate", "none"),
-                ("dead zone, spring", "none", "estimate"),
-                ("dead zone, dead time, spring", "estimate", "estimate"),
-            )
+        Structure("dead zone", {"dead-time": "none", "stiffness": "none"}),
+        Structure("dead zone, dead time", {"dead-time": "estimate", "stiffness": "none"}),
+        Structure(
+            "dead zone, spring", {"dead-time": "none", "stiffness": "estimate"}, instead=True
+        ),
+        Structure(
+            "dead zone, dead time, spring", {"dead-time": "estimate", "stiffness": "estimate"}
         ),
     )  # fmt: skip
     dead_zone = True

@@ -136,7 +136,7 @@ class Line(TransferFamily[LineOptions]):
         Structure("first order", {"order": "first"}, {"dead_time": 0.0}),
         Structure("first order, dead time", {"order": "first"}),
         Structure("second order", {"order": "second"}, {"dead_time": 0.0}),
-        Structure("second order, dead time", {"order": "second"}),
+        Structure("second order, dead time", {"order": "second"}, instead=True),
     )
     gain = "gain"
     steady_offset = True

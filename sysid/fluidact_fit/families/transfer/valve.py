@@ -92,7 +92,9 @@ class Valve(TransferFamily[ValveOptions]):
     options_type = ValveOptions
     structures = (
         Structure("second order", {"dead-time": "none", "zero": "none"}),
-        Structure("second order, dead time", {"dead-time": "estimate", "zero": "none"}),
+        Structure(
+            "second order, dead time", {"dead-time": "estimate", "zero": "none"}, instead=True
+        ),
         Structure("second order, zero", {"dead-time": "none", "zero": "estimate"}),
         Structure("second order, dead time, zero", {"dead-time": "estimate", "zero": "estimate"}),
     )
