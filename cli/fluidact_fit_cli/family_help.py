@@ -25,7 +25,8 @@ _WIDEST = 80  # columns of a help text, as click has them
 def help_text(family: Described) -> str:
     """Return title, equation, roles and parameters of a family."""
     equation = textwrap.wrap(family.equation, _width(), initial_indent="  ",
-                             subsequent_indent="    ", break_long_words=False)  # fmt: skip
+                             subsequent_indent="    ", break_long_words=False,
+                             break_on_hyphens=False)  # fmt: skip
     parts = [family.title + ".", _block(["Equation:", *equation])]
     several = len(family.variants) > 1
     for variant in family.variants:
@@ -55,7 +56,11 @@ def _definitions(rows: Iterable[tuple[str, str]]) -> list[str]:
     lines = []
     for name, text in listed:
         lines += textwrap.wrap(
-            text, _width(), initial_indent=f"  {name}".ljust(width), subsequent_indent=" " * width
+            text,
+            _width(),
+            initial_indent=f"  {name}".ljust(width),
+            subsequent_indent=" " * width,
+            break_on_hyphens=False,
         )
     return lines
 

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from .assessment.policy import FIT_WEAK
 from .errors import LogError, MismatchError, Notice, NotIdentifiedError, UsageError, in_python
 from .experiment import Experiment
 from .families import get_family
@@ -122,8 +123,18 @@ class Check:
              f"<ul>{said}</ul>" if said else ""]
         )  # fmt: skip
 
+    @property
+    def headline(self) -> str:
+        """The outcome, a clause: a log in which nothing happens contradicts no model."""
+        if not self.fits:
+            return "the model no longer fits"
+        percents = [log.fit_percent for log in self.logs if log.fit_percent is not None]
+        if not self.drifts and percents and max(percents) < FIT_WEAK:
+            return "these logs do not contradict the model, and show too little to confirm it"
+        return "the model still fits"
+
     def _headline(self) -> str:
-        return f"{self.family}: the model {'still fits' if self.fits else 'no longer fits'}"
+        return f"{self.family}: {self.headline}"
 
     def _said(self) -> list[str]:
         return [*self.reasons, *(f"({n.code}) {in_python(n.message)}" for n in self.notices)]

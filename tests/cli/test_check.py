@@ -241,3 +241,21 @@ def test_logs_are_read_as_those_of_the_fit_were(here: Run, valve: Log, inside: P
     failed = here("check", "bench.yaml", "none.csv")
     assert failed.status == 3
     assert "none.csv" in failed.err
+
+
+def test_a_log_in_which_nothing_happens_confirms_nothing(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    """A fifth of a second at rest "still fits"."""
+    valve()
+    assert here("valve", "valve.csv", "-o", "v.yaml").status == 0
+    time = np.arange(200) * 0.001
+    rng = np.random.default_rng(1)
+    table = np.column_stack([time, np.zeros(200), rng.normal(0.0, 1.0, 200)])
+    np.savetxt(
+        "still.csv", table, delimiter=",", comments="", header="time [s],command [V],outlet [Pa]"
+    )
+    done = here("check", "v.yaml", "still.csv")
+    assert done.status == 0
+    assert "too little to confirm it" in done.out
+    assert "still fits" not in done.out

@@ -165,3 +165,18 @@ def test_routines_give_what_the_block_gives(drop: bool) -> None:
             flow, _ = Machine(scale[0])(flow=flow, **more)
         if abs(command) > 1.2:
             assert Machine(back)(flow=flow)[0] == pytest.approx(command, abs=1e-6)
+
+
+def test_a_coarse_reading_of_the_flow_widens_the_leakage() -> None:
+    """Within the band all readings share one rounding error: leakage was 12 errors off."""
+    rng = np.random.default_rng(3)
+    for share in (0.3, 0.45, 0.2, 0.05):
+        truth, step = {**TRUTH, "leakage": share * 1e-5}, 3.3e-6
+        n = 3000
+        swing = 1.0 - np.abs(np.mod(4.0 * np.arange(n) / n, 2.0) - 1.0)
+        u = -10.0 + 20.0 * swing
+        q = np.array([by_hand(x, truth) for x in u.tolist()]) + 3e-7 * rng.standard_normal(n)
+        log = {"time": 0.01 * np.arange(n), "command": u, "flow": step * np.round(q / step)}
+        leakage = ff.fit_flow_map(log).parameters["leakage"]
+        assert abs(leakage.number - truth["leakage"]) < 4.0 * leakage.std_error
+        assert leakage.std_error < step

@@ -63,4 +63,4 @@ def _show(found: Check) -> None:
         echo()
         show_table(found.table())
     if found.fits:
-        echo("\nthe model still fits")
+        echo(f"\n{found.headline}")

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
 
+
 @click.command(
     "fit",
     cls=options.Command,
@@ -97,6 +98,13 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
     NotIdentifiedError, LogError
         Where nothing is possible: because no family can be determined, or for another reason.
     """
+    if found and found[0].asked and not found[0].unsure:
+        raise UsageError(
+            f"{found[0].family} has a role for these columns, and needs a number that no log "
+            "holds.",
+            expected=f"  {found[0].command}",
+            remedy="Replace the words in capitals and run it. fit takes no options of a family.",
+        )
     able = [s for s in found if s.verdict in ("pass", "warn", "fail")]
     if not able:
         reasons = "\n".join(

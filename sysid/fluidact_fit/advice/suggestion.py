@@ -102,7 +102,11 @@ def is_clear(found: Sequence[Suggestion]) -> bool:
 
 
 def in_order_of_merit(tried: Sequence[Suggestion]) -> list[Suggestion]:
-    """By verdict and misfit; of two that fit alike, the one with fewer numbers comes first."""
+    """By verdict and misfit; of two that fit alike, the one with fewer numbers comes first.
+
+    One that could not be tried without a number, and has a role for more columns, precedes a fit
+    that is not clean.
+    """
     left, out = sorted(tried, key=lambda s: (s.rank[0], -s.score, s.rank[1])), []
     while left:
         verdict = left[0].rank[0]
@@ -112,4 +116,12 @@ def in_order_of_merit(tried: Sequence[Suggestion]) -> list[Suggestion]:
         best = min(close, key=lambda s: (s.parameters, -s.score))
         out.append(best)
         left.remove(best)
-    return out
+    return sorted(out, key=lambda s: not _awaits_numbers(s, out[0]))
+
+
+def _awaits_numbers(s: Suggestion, best: Suggestion) -> bool:
+    """Return whether a family that has a role for more columns than the best one lacks numbers.
+
+    Part of the columns fits some other family, and not well: what asks for an area is meant.
+    """
+    return bool(s.asked) and best.verdict != "pass" and len(s.columns) > len(best.columns)

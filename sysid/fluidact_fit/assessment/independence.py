@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -139,8 +140,8 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         Notice(
             "few-independent-samples",
             f"the residuals are so strongly autocorrelated that {at.samples} samples are worth "
-            f"about {independent:.0f} independent ones, with {count_of(unknowns, 'unknown')} "
-            "fitted to them: the parameters may be off by more than their intervals say. Other "
+            f"no more than about {ceil(independent)} independent ones, with "
+            f"{count_of(unknowns, 'unknown')} fitted to them: the parameters may be off by more than their intervals say. Other "
             "warnings, if there are any, may name the cause: resolve them first. Then record for "
             "longer, with more strokes over the whole range. Faster sampling does not help.",
         )

@@ -248,5 +248,6 @@ def _notice(at: Optimum, s: Score) -> Notice:
     return Notice(
         "unmodelled-response",
         f"something is missing from the model: the data fit better if {s.term.words(s.size)} "
-        f"({abs(s.deviations):.0f} standard errors). {s.parameter} {moved}. {s.term.remedy}",
+        f"({abs(s.deviations):.0f} standard errors). {s.parameter} {moved}. "
+        f"{s.term.advice(s.size)}",
     )

@@ -57,6 +57,13 @@ _BOW = (
 )
 
 
+_CANNOT_BE = ", which cannot be"
+_NO_OPTION = (
+    "No option gives that: look for an input that is filtered or stamped late, or for something "
+    "else that the model lacks."
+)
+
+
 @dataclass(frozen=True)
 class Term:
     """One thing that a model may lack.
@@ -101,6 +108,10 @@ class Term:
     instruments: Sequence[FloatArray] = ()
     changes: str = ""
     sampled: float = 0.0
+
+    def advice(self, size: float) -> str:
+        """What to do about a size: no option estimates one that cannot be."""
+        return _NO_OPTION if self.words(size).endswith(_CANNOT_BE) else self.remedy
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -216,8 +227,10 @@ def _parameters(at: Optimum) -> Iterator[Term]:
             continue
         columns, instruments = slopes
         option = f"another --fix {name}=VALUE"
-        if name in freed:
+        if name in freed and value == (spec.neutral or 0.0):
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
+        elif name in freed:
+            option += f", or --{freed[name].name}={freed[name].choices[-1]} without it"
         apart = spec.general and name not in table
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
         yield Term(
@@ -269,7 +282,7 @@ def _effect_words(name: str, words: str, positive: bool, unit: str, size: float)
 
 
 def _impossible(name: str, value: float, unit: str) -> str:
-    return f"{name} were {value:.3g}{after_number(unit)}, which cannot be"
+    return f"{name} were {value:.3g}{after_number(unit)}{_CANNOT_BE}"
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:

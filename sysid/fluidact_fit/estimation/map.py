@@ -347,15 +347,18 @@ def find_uncertainty(
     misfit: Misfit | None,
     least: float,
     in_order: bool,
+    readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> Uncertainty:
     """Covariance of the unknowns of a map, per log derivatives ``(n_i, p)`` and residuals.
 
     Samples that follow one another may have errors that do; those at one position share the error
     of its reference, and a curve that is too stiff misses all of them alike: they then count as
-    one. ``least`` is as of :meth:`Misfit.matters`.
+    one. ``least`` is as of :meth:`Misfit.matters`, ``readings`` as of :func:`.covariance`: where a
+    map is flat one error of a converter lasts.
     """
-    white = covariance(jacobians, residuals, robust=False)
-    found = covariance(jacobians, residuals, small_sample=True) if in_order else white
+    white = found = covariance(jacobians, residuals, robust=False)
+    if in_order:
+        found = covariance(jacobians, residuals, small_sample=True, readings=readings)
     if misfit is None or misfit.probability > _BY_CHANCE:
         return found
     if not (misfit.at_rest or misfit.matters(least)):

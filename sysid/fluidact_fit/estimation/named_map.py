@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import Array, Experiment, FloatArray
+from ..experiment import Array, Experiment, FloatArray, Signal
 from ..options import FamilyOptions
 from ..specification import ParameterSpec, Quantity, Request, Simulate, Variant
 from .map import (
@@ -81,21 +81,30 @@ class NamedMap:
 class NamedRows:
     """Samples of all logs: inputs ``(n, inputs)`` and output ``(n,)``, cut at ``ends`` by log.
 
-    Samples that are ``in_order`` follow one another in time.
+    Samples that are ``in_order`` follow one another in time. ``steps`` are those of the converter
+    of the output, by log.
     """
 
     x: FloatArray
     y: FloatArray
     ends: tuple[int, ...]
+    steps: tuple[float, ...]
     in_order: bool
 
     @classmethod
     def of(
-        cls, inputs: Sequence[FloatArray], outputs: Sequence[FloatArray], in_order: bool
+        cls, inputs: Sequence[FloatArray], outputs: Sequence[Signal], in_order: bool
     ) -> NamedRows:
         """Rows of logs whose inputs are ``(n_i, inputs)`` and outputs ``(n_i,)``."""
-        ends = tuple(np.cumsum([y.size for y in outputs]).tolist())
-        return cls(np.vstack(inputs), np.concatenate(outputs), ends, in_order)
+        ends = tuple(np.cumsum([y.values.size for y in outputs]).tolist())
+        steps = tuple(y.resolution for y in outputs)
+        values = np.concatenate([y.values for y in outputs])
+        return cls(np.vstack(inputs), values, ends, steps, in_order)
+
+    @property
+    def readings(self) -> list[tuple[FloatArray, float]]:
+        """Output of every log with the step of its converter."""
+        return list(zip(self.by_log(self.y), self.steps, strict=True))
 
     def by_log(self, values: Array) -> list[Array]:
         """Rows of every log."""
@@ -219,7 +228,7 @@ def fit_named_map(
         rest = data.rows.residual(found)
         misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
         spread = find_uncertainty(
-            data.by_log(jacobian), data.by_log(rest), misfit, 0.0, data.in_order
+            data.by_log(jacobian), data.by_log(rest), misfit, 0.0, data.in_order, data.readings
         )
         solved = Solved(
             model.values(found.theta), model.names, spread.covariance, spread.degrees,

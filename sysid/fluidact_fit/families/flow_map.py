@@ -311,7 +311,7 @@ def _gather(experiments: Sequence[Experiment], options: FlowMapOptions) -> Named
     timed = all(e.time.size > 0 for e in experiments)
     return NamedRows.of(
         [_inputs(e, options) for e in experiments],
-        [e.sampled("flow") for e in experiments],
+        [e.signals["flow"] for e in experiments],
         timed or bool((steps > 0.0).any() and (steps < 0.0).any()),
     )
 

@@ -6,9 +6,9 @@
     F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
 ``F`` drives the motion, positive along positive velocity, or is the load against it. Pressure
-forces and the inertia ``m a`` are subtracted when areas and mass are given. Of a shaft, torque, moment of
-inertia and angular velocity stand in the same equation, with friction in N m. All levels are
-magnitudes. Only moving samples are used [1]_: near standstill friction is a matter of presliding
+forces and the inertia ``m a`` are subtracted when areas and mass are given. Of a shaft, torque,
+moment of inertia and angular velocity stand in the same equation, with friction in N m. All
+levels are magnitudes. Only moving samples are used [1]_: near standstill friction is presliding
 and stiction, and a smoothed sign would bias the levels. How noise of the motion is treated, and
 why a force goes through the filter of a position's slope: ``docs/theory/regression.md``.
 

@@ -109,19 +109,22 @@ def check_options(
         )
     if driven:
         _check_chambers(experiments)
-    otherwise = (
-        "" if driven else ", or leave the pressure out if the force is that of the piston rod alone"
-    )
-    for role, area, name, example in (
-        ("pressure", options.area, "area", "bore 25 mm: --area=4.9087e-4"),
-        ("pressure_2", options.area_2, "area-2", "bore less rod"),
-    ):
+    chambers = (("pressure", options.area, "area"), ("pressure_2", options.area_2, "area-2"))
+    bare = {
+        role: f"--{name}=M2"
+        for role, area, name in chambers
+        if area is None and any(role in e for e in experiments)
+    }
+    if bare:
+        names = " and ".join(f"'{role}'" for role in bare)
+        raise UsageError(
+            f"{names} {'was' if len(bare) == 1 else 'were'} given without a piston area",
+            remedy=f"Give {' '.join(bare.values())} (bore 25 mm: --area=4.9087e-4; less the rod on "
+            "its side)" + ("." if driven else ", and --pressures=drive if they move the piston "
+            "against the measured force; or leave them out if that is all that moves it."),
+        )  # fmt: skip
+    for role, area, name in chambers:
         without = [e.name for e in experiments if role not in e]
-        if area is None and len(without) < len(experiments):
-            raise UsageError(
-                f"'{role}' was given without a piston area",
-                remedy=f"Give --{name}=M2 ({example}){otherwise}.",
-            )
         if area is None or not without or role == variant.output.name:
             continue
         if options.is_settled:

@@ -60,7 +60,9 @@ def commands(experiments: Sequence[Experiment]) -> list[FloatArray]:
 
 def gather(experiments: Sequence[Experiment]) -> NamedRows:
     """Commands and speeds of all runs, in order."""
-    return NamedRows.of(commands(experiments), [e["speed"] for e in experiments], in_order=True)
+    return NamedRows.of(
+        commands(experiments), [e.signals["speed"] for e in experiments], in_order=True
+    )
 
 
 def fit_points(
