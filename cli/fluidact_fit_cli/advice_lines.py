@@ -51,7 +51,8 @@ def _echo_assigned(advice: Sequence[Suggestion]) -> None:
     if best.asked:
         echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
     shown = advice if best.basis else advice[:1]
-    echo("next:" if len(shown) == 1 else "next, one of:")
+    tried = "next, once that is resolved:" if best.verdict == "refused" else "next:"
+    echo(tried if len(shown) == 1 else "next, one of:")
     for s in shown:
         echo(f"  {_command(s)}")
 

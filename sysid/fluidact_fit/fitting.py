@@ -38,6 +38,7 @@ from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
 from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
+from .notices import is_information
 from .other_structure import with_other_structure
 from .outcome import Simulation
 from .result import FitResult
@@ -172,7 +173,7 @@ def fit(
         _check_period(controller_sample_time, _longest(experiments))
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
     request.progress("fitting")
-    with _naming_placeholders(notices):
+    with _naming_what_was_read(notices):
         solution = _solve(chosen, variant, experiments, request)
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
@@ -519,12 +520,12 @@ def _without_outliers(found: FitContext) -> FitContext:
 
 
 @contextmanager
-def _naming_placeholders(notices: Sequence[Notice]) -> Iterator[None]:
-    """Name values that were hardly measured first, where nothing can be determined."""
+def _naming_what_was_read(notices: Sequence[Notice]) -> Iterator[None]:
+    """Name what reading warned of first, where nothing can be determined: it may be the cause."""
     try:
         yield
     except NotIdentifiedError as error:
-        found = [n.message for n in notices if n.code == "placeholder-values"]
+        found = [n.message for n in notices if not is_information(n.code)]
         if not found:
             raise
         remedy = "\n".join([*found, error.remedy])

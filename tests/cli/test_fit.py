@@ -556,3 +556,34 @@ def test_a_value_that_the_logs_contradict_is_named(here: Run, valve: Log) -> Non
     done = here("valve", valve(), "--fix", "gain=0")
     assert done.status == 4
     assert "Or these logs contradict --fix gain=0: try without." in done.err
+
+
+def test_fit_names_a_unit_that_it_does_not_know(here: Run, inside: Path) -> None:
+    rng = np.random.default_rng(1)
+    table = np.column_stack([np.arange(300) * 0.01, rng.normal(size=300), rng.normal(size=300)])
+    np.savetxt(
+        inside / "psi.csv", table, delimiter=",", comments="", header="t [s],p1 [bar],p2 [baar]"
+    )
+    done = here("fit", "psi.csv")
+    assert done.status != 0
+    assert "unit 'baar' is not known: did you mean 'bar'?" in done.err
+
+
+def test_fit_asks_for_the_areas_of_the_family_that_every_column_is_for(
+    here: Run, inside: Path
+) -> None:
+    """A part of the columns fitted a spring cylinder, badly, and its file was written."""
+    rng = np.random.default_rng(4)
+    time = np.arange(2000) * 0.005
+    position = 100.0 + 80.0 * np.sin(time)
+    table = np.column_stack([
+        time, position, 5.0 + 0.8 * np.sign(np.cos(time)) + rng.normal(0.0, 0.01, 2000),
+        8.0 + 0.1 * np.sin(3.0 * time), 0.2 + 0.1 * np.sin(7.0 * time),
+    ])  # fmt: skip
+    np.savetxt(inside / "rod.csv", table, delimiter=";", comments="",
+               header="Zeit [s];Weg [mm];Druck A [bar];Druck B [bar];Kraft [kN]")  # fmt: skip
+    done = here("fit", "rod.csv")
+    assert done.status == 2
+    assert "--area=M2 --area-2=M2" in done.err
+    assert "cylinder-friction rod.csv" in done.err
+    assert not list(inside.glob("*.yaml"))

@@ -49,3 +49,13 @@ def test_a_log_in_place_of_a_parameter_file_is_recognised(
     assert "fluidact-fit inspect" in done.err
     with pytest.raises(ff.ParameterFileError, match="Fit the log first"):
         ff.load(log)
+
+
+def test_a_comma_that_separates_and_stands_before_decimals(here: Run, inside: Path) -> None:
+    """The remedy, to skip the header and name columns by number, read whole numbers."""
+    rows = "".join(f"{10 * k},{3 + k % 2},{1000 + k},4,{2000 + k}\n" for k in range(50))
+    (inside / "both.csv").write_text("t [ms],p1 [bar],p2 [bar]\n" + rows)
+    done = here("inspect", "both.csv")
+    assert done.status == 3
+    assert "export the file with semicolons, or with decimal points" in done.err
+    assert "--skip-rows" not in done.err

@@ -145,7 +145,9 @@ def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
         remedy = "Run it if it is meant."
         if time_candidate(log) is None and log.sample_time is None:
             remedy += " --sample-time SECONDS lets families in time be tried."
-    return UsageError(what, expected="\n".join(f"  {s.command}" for s in able), remedy=remedy)
+    unknown = "".join(f"\n{doubt}" for doubt in _unknown_units(log))
+    commands = "\n".join(f"  {s.command}" for s in able)
+    return UsageError(what, expected=commands, remedy=f"{remedy}{unknown}")
 
 
 def _unknown_units(log: Log) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def _try_fit(
     if _DROP in s.options:
         logs = [replace(log, invalid="drop") for log in logs]
     pairs = (option.removeprefix("--").split("=") for option in s.options if option != _DROP)
-    chosen = {name.replace("-", "_"): value for name, value in pairs}
+    chosen: dict[str, Any] = {name.replace("-", "_"): value for name, value in pairs}
     try:
         result = fit(s.family, bound_logs(logs, s), **chosen)
     except NotIdentifiedError as error:

@@ -141,9 +141,10 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
             "few-independent-samples",
             f"the residuals are so strongly autocorrelated that {at.samples} samples are worth "
             f"no more than about {ceil(independent)} independent ones, with "
-            f"{count_of(unknowns, 'unknown')} fitted to them: the parameters may be off by more than their intervals say. Other "
-            "warnings, if there are any, may name the cause: resolve them first. Then record for "
-            "longer, with more strokes over the whole range. Faster sampling does not help.",
+            f"{count_of(unknowns, 'unknown')} fitted to them: the parameters may be off by "
+            "more than their intervals say. Other warnings, if there are any, may name the cause: "
+            "resolve them first. Then record for longer, with more strokes over the whole range. "
+            "Faster sampling does not help.",
         )
     ]
 

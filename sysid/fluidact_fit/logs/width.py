@@ -87,13 +87,21 @@ def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) ->
     timed = any(is_time_name(text) for text, _ in parsed)
     if not (timed or 2 * units >= len(names) or cut.delimiter == " "):
         return
+    remedy = (
+        "Correct the header (a separator within a name stands between quotes), or give "
+        f"--skip-rows {index + 1} and name the columns by their numbers, --column ROLE=#N."
+    )
+    if cut.delimiter == "," and 0 <= 2 * len(names) - cut.width < len(names):
+        remedy = (
+            "The comma seems to separate columns and decimals alike, and nothing tells which is "
+            "which: export the file with semicolons, or with decimal points."
+        )
     raise LogError(
         f"{count_of(len(names), 'name')} above rows of {count_of(cut.width, 'cell')}: "
         f"{', '.join(names)[:120]}.",
         where=f"{name}, line {index + 1}",
         expected="Expected one name for every column.",
-        remedy="Correct the header (a separator within a name stands between quotes), or give "
-        f"--skip-rows {index + 1} and name the columns by their numbers, --column ROLE=#N.",
+        remedy=remedy,
     )
 
 
