@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from .assessment.policy import FIT_WEAK
 from .document_assembly import FitContext
 from .errors import FluidactError, NotIdentifiedError
@@ -57,10 +59,10 @@ def _fits(
         options = replace(request.options, **{name.replace("-", "_"): value})
         other = replace(request, options=options)
         try:
-            with counting(sum(e.samples for e in experiments)):
+            with counting(sum(e.samples for e in experiments)), np.errstate(all="ignore"):
                 solution = family.estimate(variant, experiments, other)
             fitted = FitContext(family, variant, (), (), experiments, other, solution).fitted
-        except (FluidactError, ArithmeticError):
+        except (FluidactError, ArithmeticError, np.linalg.LinAlgError):
             continue
         percent = agreement(fitted).fit_percent
         if percent >= FIT_WEAK:

@@ -98,7 +98,7 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
     NotIdentifiedError, LogError
         Where nothing is possible: because no family can be determined, or for another reason.
     """
-    if found and found[0].asked and not found[0].unsure:
+    if found and found[0].asked and not (found[0].unsure or found[0].candidates):
         raise UsageError(
             f"{found[0].family} has a role for these columns, and needs a number that no log "
             "holds.",

@@ -67,15 +67,14 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
         if found is None:
             continue
         table[role.name] = asdict(found)
-        said = _hold_notice(role.name, found, at.solution.values)
-        if said and said.code == "hold-matters":
-            if not _looks_otherwise(at.fitted, role.name, found.hold):
-                continue
-            if role.name in declared:
-                if role.hold != "auto" or taken != "zoh":
-                    continue  # as the family takes it
-                said = replace(said, code="hold-as-given")
-        if said:
+        given = role.name in declared
+        said = _hold_notice(role.name, found, at.solution.values, given)
+        if said is None:
+            continue
+        # a declared hold is the user's word, unless the family calls measured what was held
+        trusted = given and (role.hold != "auto" or taken != "zoh")
+        unsure = not trusted and _looks_otherwise(at.fitted, role.name, found.hold)
+        if said.code == "hold-doubtful" or unsure:
             notices.append(said)
     return table, notices
 
@@ -148,8 +147,10 @@ def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> f
     return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
 
 
-def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
-    """A warning when the hold matters and the data do not confirm the one assumed."""
+def _hold_notice(
+    role: str, found: _Shift, values: Mapping[str, Value], declared: bool
+) -> Notice | None:
+    """A warning when the hold matters and the data do not confirm the one assumed or declared."""
     moves = abs(found.standard_errors) > policy.TERM_MOVES
     if not moves or found.evidence > policy.HOLD_EVIDENCE:
         return None
@@ -165,6 +166,8 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
         )
     else:
         code = "hold-matters"
+        if declared:
+            code = "hold-as-given"
         lead = f"the data cannot tell whether '{role}' is {taken}"
         then = "If it was right, look for lost rows, gaps, clipping or a lag."
     return Notice(
