@@ -453,6 +453,12 @@ _FAMILIES = {
         "preload shares it.",
         "Give `--fix preload=N` where it is known; `hysteresis_width` holds in any case.",
     ),
+    "levels-or-offset": _information(
+        "The two Coulomb levels of an axis differ, which a constant torque or force (the zero of "
+        "its amplifier or sensor, weight) would look like; motion alone cannot tell the two apart.",
+        "Log the drive at rest, unloaded: if it shows zero the levels do differ; `coulomb_mean` "
+        "holds in any case.",
+    ),
     "logs-disagree": _warning(
         "The logs do not share one friction.",
         "Fit logs of different pressure or condition separately.",

@@ -3,6 +3,8 @@
 The logs come from a simulator of their own, on a fine grid, never from the estimator's.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from studies.red_team.attacks import ball_screw as screw
@@ -218,3 +220,12 @@ def test_the_drive_is_fed_forward_without_static_levels() -> None:
             use()
     block.accept(True)
     assert block.step(1e-3) == 0.0
+
+
+def test_levels_that_differ_may_be_an_offset_of_the_drive() -> None:
+    """An amplifier's offset passed as two levels, without a word outside ``derived``."""
+    folder = Path(__file__).parents[2] / "datasets" / "ball-screw"
+    found = ff.fit_ball_screw(folder / "trial1.csv")
+    (said,) = (n for n in found.notices if n.code == "levels-or-offset")
+    assert "0.0002 N m" in said.message  # half of 2 and 1.6 mN m
+    assert found.verdict == "pass"

@@ -32,6 +32,9 @@ from ..experiment import FloatArray
 from ..routines import Expression, by_sign, choose, constant, exp
 from ..routines.expression import Operand
 
+_TOLD = 4.0  # standard errors of half the difference of two levels that is beyond doubt
+_NOTABLE = 0.015  # part of their mean that it has to be to matter
+
 
 def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
     """Part of the Stribeck level that is left at a velocity, same shape; none at speed 0."""
@@ -178,3 +181,16 @@ class FrictionLaw:
             return level
         share = velocity * constant("per_stribeck_speed", 1.0 / self.stribeck_speed)
         return level + constant(f"rise_{side}", sign * rise) * exp(-(share * share))
+
+
+def levels_differ(half: float, error: float, mean: float) -> bool:
+    """Return whether two Coulomb levels differ beyond doubt, and by enough to matter.
+
+    Parameters
+    ----------
+    half, error
+        Half their difference, and its standard error.
+    mean
+        Their mean, in the same unit.
+    """
+    return abs(half) > max(_TOLD * error, _NOTABLE * abs(mean))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.friction_law import FrictionLaw, levels_differ
 from .axis import LINEAR
 from .filters import DEGREE
 from .fit import Fit, levels_impossible
@@ -16,7 +16,6 @@ from .options import ONE_SIDED
 from .samples import LEVELS, half_range
 
 _TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
-_NOTABLE = 0.015  # part of their mean that it has to be to matter
 
 
 def remarks(fit: Fit) -> Iterator[Notice]:
@@ -79,7 +78,7 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
         return
     half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
     error = float(np.max(found["coulomb_offset"].std_error or 0.0))
-    if abs(half) <= max(_TOLD * error, _NOTABLE * abs(mean)):
+    if not levels_differ(half, error, mean):
         return
     share, unit = abs(200.0 * half / mean), fit.axis.force_unit
     yield Notice(
