@@ -16,6 +16,7 @@ from studies.red_team.run import write
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.uncertainty import t_quantile
+from fluidact_fit.excitation import design
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families.cylinder_friction.block import FrictionBlock
 from fluidact_fit.families.cylinder_friction.family import CylinderFriction
@@ -791,6 +792,8 @@ def test_pressures_that_move_a_measured_load() -> None:
         assert abs(q.number - value) < 4.0 * q.std_error
         assert q.std_error < 0.02 * value
     assert found.document.fit.fit_percent > 95.0  # of the load, simulated with its own sign
+    designed = design(found.document, amplitude=(-0.2, 0.2))
+    assert set(truth) <= {p.name for p in designed.forecasts}  # strokes need no pressures
     with pytest.raises(UsageError, match="pressures"):
         ff.fit_cylinder_friction(
             {n: log[n] for n in ("time", "velocity", "force")}, pressures="drive"

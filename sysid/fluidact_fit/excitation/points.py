@@ -97,7 +97,9 @@ def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) ->
         variant = next(v for v in task.family.variants if driving_role(v) == speed)
     run = make_run(driving_role(variant), np.zeros(0), points)
     values = {**task.plant.values, unknown.spec.name: changed}
-    (found,) = task.family.simulate(replace(task.plant, variant=variant, values=values), [run])
+    options = task.excitation.options or task.plant.options
+    plant = replace(task.plant, variant=variant, values=values, options=options)
+    (found,) = task.family.simulate(plant, [run])
     return np.asarray(found.output, dtype=float)
 
 

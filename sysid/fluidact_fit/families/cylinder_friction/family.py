@@ -164,6 +164,11 @@ def _equation(axis: Axis, driven: str) -> str:
     )
 
 
+def _unpressed(options: FrictionOptions) -> FrictionOptions:
+    """The same without pressures: what a motion tells of friction does not depend on them."""
+    return replace(options, area=None, area_2=None, pressures="resist")
+
+
 class CylinderFriction(Family[FrictionOptions]):
     """Coulomb and viscous friction of a cylinder or shaft by regression on moving samples."""
 
@@ -240,7 +245,7 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         moved = self.variant(motion_role(plant.variant))
         free = replace(
-            plant.options, area=None, area_2=None, acceleration_limit=None, turn_limit=None,
+            _unpressed(plant.options), acceleration_limit=None, turn_limit=None,
             speeds_positive=None, speeds_negative=None, force_offset=None,
         )  # fmt: skip
         (d,), _ = prepare(moved, [experiment], free)
@@ -261,7 +266,7 @@ class CylinderFriction(Family[FrictionOptions]):
 
         Slow ones keep clear of the dead band by as much again, to allow for noise.
         """
-        options = document.settled_options(FrictionOptions)
+        options = _unpressed(document.settled_options(FrictionOptions))
         details = document.fit.details or {}
         speeds = [v for _, v in find_entries(details, "speeds", "*", "*")]
         noise: Any = details.get("force_noise")

@@ -100,9 +100,8 @@ def check_options(
     """
     driven = driven_by_pressure(variant)
     _check_axis(variant, options)
-    if options.pressures == "drive" and not any(
-        "pressure" in e and not driven and axis_of(variant) is LINEAR for e in experiments
-    ):
+    beside = not driven and any("pressure" in e for e in experiments)
+    if options.pressures == "drive" and not (beside or options.is_settled):
         raise UsageError(
             "--pressures=drive is about logs of a force and of what the pressures do beside it.",
             remedy="Give --column force=HEADER and --column pressure=HEADER, or leave it out.",
