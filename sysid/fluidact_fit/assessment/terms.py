@@ -227,7 +227,7 @@ def _parameters(at: Optimum) -> Iterator[Term]:
             continue
         columns, instruments = slopes
         option = f"another --fix {name}=VALUE"
-        if name in freed and value == (spec.neutral or 0.0):
+        if name in freed and (name not in table or value == (spec.neutral or 0.0)):
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
         elif name in freed:
             option += f", or --{freed[name].name}={freed[name].choices[-1]} without it"
