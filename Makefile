@@ -14,18 +14,19 @@ unexport PYTHONDONTWRITEBYTECODE
 
 MATRIX ?= 3.11 3.12 3.13
 
-.PHONY: help demo check test suite test-oldest test-matrix lint style types format docs picture site schema lock house acceptance study bench red-team soak clean
+.PHONY: help demo check test suite test-slow slow-list test-oldest test-matrix lint style types format docs picture site schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
 	@echo "make check        style of what changed, and one fast test a promise: a minute"
-	@echo "make test         style, types, layers, tests and notebooks, with the newest dependencies"
+	@echo "make test         style, types, layers and tests, with the newest dependencies: eight minutes"
 	@echo "make test-oldest  part of the tests with the oldest dependencies that are supported"
 	@echo "make test-matrix  the demo and quick tests on every Python that is supported"
 	@echo "make lint         style, types, layers and generated pages only"
 	@echo "make style        the same without the types"
 	@echo "make types        the types only"
-	@echo "make suite        tests and notebooks only"
+	@echo "make suite        tests and a notebook only"
+	@echo "make test-slow    what make test leaves out (tests/slow.txt): repetitions, further cases, notebooks"
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make picture      draw the picture of the README anew"
@@ -62,6 +63,16 @@ test: style
 
 suite: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" --nbmake tests notebooks
+
+test-slow: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow --nbmake tests notebooks
+
+# After tests were added: what takes long is listed anew.
+slow-list: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest -n 2 --dist worksteal --nbmake --durations=0 --durations-min=0.02 \
+		tests notebooks > slow-list.txt
+	$(BIN)/python tools/slow_tests.py < slow-list.txt > tests/slow.txt
+	rm slow-list.txt
 
 # What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases
 # warn of newer ones below them, and pydantic's word the JSON Schema differently from the committed

@@ -1,12 +1,18 @@
-"""How the tests are shared out among processes."""
+"""How the tests are shared out among processes, and which are left to `make test-slow`."""
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pytest
+
+# Before numpy is loaded, and for every process of the tests: threads of the linear algebra beside
+# as many processes as cores wait for each other ten times as long as they compute.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import fluidact_fit as ff
 
@@ -25,6 +31,11 @@ LONG = (
 )
 
 
+# Repetitions, and cross products of which one case stays in `make test`: measured, not guessed
+# (`tools/slow_tests.py` writes the list).
+SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines())
+
+
 def scope_of(test: str) -> str:
     """What a test shares its fits with: the family in its brackets or of its file, or the file."""
     path, _, name = test.partition("::")
@@ -35,6 +46,9 @@ def scope_of(test: str) -> str:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Begin with what takes long and with the notebooks, then with what is many tests."""
+    for item in items:
+        if item.nodeid in SLOW:
+            item.add_marker(pytest.mark.slow)
     if not hasattr(config, "workerinput"):
         return
     scopes = [scope_of(item.nodeid) for item in items]

@@ -86,11 +86,15 @@ def families() -> str:
 
 
 def sketches(folder: str, columns: int = 3) -> str:
-    """Every family with the sketch of its machine, in a grid; ``folder`` holds their pages."""
+    """Every family with the sketch of its machine and what it needs; ``folder`` has their pages."""
     cells = []
     for name in ff.family_names():
         page, what = f"{folder}{name}", family_title(name).partition(": ")[2]
-        cells.append(f"[![{name}]({page}.svg)]({page}.md)<br>[**{name}**]({page}.md)<br>{what}")
+        needed = [r.name for r in ff.get_family(name).variants[0].roles if r.required]
+        cells.append(
+            f"[![{name}]({page}.svg)]({page}.md)<br>[**{name}**]({page}.md)<br>{what}<br>"
+            f"from *{', '.join(r for r in needed if r != 'time')}*"
+        )
     rows = [cells[i : i + columns] for i in range(0, len(cells), columns)]
     return _paragraphs(table([" "] * columns, rows))
 
@@ -125,10 +129,13 @@ def family(name: str) -> str:
     """Roles, parameters and options of a family."""
     found = ff.get_family(name)
     parts = []
-    for variant in found.variants:
-        of = f" (variant `{variant.name}`)" if len(found.variants) > 1 else ""
-        parts += [f"## Roles{of}", roles_table(variant)]
-        parts += [f"## Parameters{of}", parameters_table(variant)]
+    for heading, table_of in (("Roles", roles_table), ("Parameters", parameters_table)):
+        tables: dict[str, list[str]] = {}  # variants that share one
+        for variant in found.variants:
+            tables.setdefault(table_of(variant), []).append(f"`{variant.name}`")
+        for text, variants in tables.items():
+            of = f" (variant {', '.join(variants)})" if len(tables) > 1 else ""
+            parts += [f"## {heading}{of}", text]
     if options := options_table(found):
         parts += ["## Options", options]
     return _paragraphs(*parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import click
@@ -28,17 +28,29 @@ def help_text(family: Described) -> str:
                              subsequent_indent="    ", break_long_words=False,
                              break_on_hyphens=False)  # fmt: skip
     parts = [family.title + ".", _block(["Equation:", *equation])]
-    several = len(family.variants) > 1
-    for variant in family.variants:
-        of = f" ({variant.name})" if several else ""
-        parts.append(_block([f"Roles{of}:", *_definitions(map(_role, variant.roles))]))
-        rows = map(_parameter, variant.parameters)
-        parts.append(_block([f"Parameters{of}, as in the file (SI):", *_definitions(rows)]))
+    roles = {v.name: _definitions(map(_role, v.roles)) for v in family.variants}
+    parts += _by_variant("Roles{of}:", roles)
+    parameters = {v.name: _definitions(map(_parameter, v.parameters)) for v in family.variants}
+    parts += _by_variant("Parameters{of}, as in the file (SI):", parameters)
     parts.append(
         "Several LOGs are experiments on the same hardware: they share the parameters, and each "
         "has its own initial state and output offset."
     )
     return "\n\n".join(parts)
+
+
+def _by_variant(heading: str, lines: Mapping[str, Sequence[str]]) -> list[str]:
+    """Lines of every variant under a heading: once where variants have the same."""
+    named: dict[tuple[str, ...], list[str]] = {}
+    for variant, of_it in lines.items():
+        named.setdefault(tuple(of_it), []).append(variant)
+    blocks = []
+    for text, variants in named.items():
+        of = f" ({', '.join(variants)})" if len(named) > 1 else ""
+        head = textwrap.wrap(heading.format(of=of), _width(), subsequent_indent="  ",
+                             break_on_hyphens=False)  # fmt: skip
+        blocks.append(_block([*head, *text]))
+    return blocks
 
 
 def _width() -> int:

@@ -39,7 +39,7 @@ from .logs.experiments import LONGEST, SHORTEST
 from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
 from .notices import is_information
-from .other_structure import with_other_structure
+from .other_structure import find_other_structure
 from .outcome import Simulation
 from .result import FitResult
 from .specification import ParameterSpec, Role
@@ -174,7 +174,7 @@ def fit(
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
     request.progress("fitting")
     with _naming_what_was_read(notices):
-        solution = _solve(chosen, variant, experiments, request)
+        solution = _solve(chosen, variant, experiments, request, advise=True)
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
         found = _without_outliers(
@@ -413,8 +413,13 @@ def _solve(
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
+    *,
+    advise: bool = False,
 ) -> Solution[FamilyOptions]:
-    """Let the family fit; where the arithmetic fails, the data are to blame."""
+    """Let the family fit; where the arithmetic fails, the data are to blame.
+
+    With ``advise`` a refusal looks for another structure that describes the samples.
+    """
     samples = sum(e.samples for e in experiments)
     if samples > _MOST_SAMPLES:
         raise LogError(
@@ -435,16 +440,15 @@ def _solve(
         if not causes:
             if not isinstance(error, NotIdentifiedError):
                 raise
-            given = _given(request)
-            if not given:
-                other = with_other_structure(error, family, variant, experiments, request)
-                if other is error:
-                    raise
-                raise other from error
+            remedy, option = error.remedy, ""
+            if given := _given(request):
+                remedy += f"\nOr these logs contradict {given}: try without."
+            elif advise and (other := find_other_structure(family, variant, experiments, request)):
+                option = other.option
+                remedy = f"{other.remedy}\nOtherwise: {remedy}"
             raise NotIdentifiedError(
-                error.what, where=error.where, expected=error.expected,
-                remedy=f"{error.remedy}\nOr these logs contradict {given}: try without.",
-            ) from error  # fmt: skip
+                error.what, where=error.where, expected=error.expected, remedy=remedy, option=option
+            ) from error
         raise type(error)(
             " ".join([*(c.words for c in causes), error.what]), where=error.where,
             expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),

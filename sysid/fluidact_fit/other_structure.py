@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .assessment.policy import FIT_WEAK
 from .document_assembly import FitContext
-from .errors import FluidactError, NotIdentifiedError
+from .errors import FluidactError
 from .estimation.price import counting
 from .experiment import Experiment
 from .family import Family, FamilyOptions, Request, Variant
@@ -17,28 +18,33 @@ from .outcome import agreement
 from .tables import percent_text
 
 
-def with_other_structure(
-    error: NotIdentifiedError,
+class OtherStructure(NamedTuple):
+    """A structure one option away, and how well it describes the samples [%]."""
+
+    fit_percent: float
+    option: str
+
+    @property
+    def remedy(self) -> str:
+        """What to do, as refusals say it."""
+        percent = percent_text(self.fit_percent)
+        return f"Try {self.option}: a model with it describes these logs (fit {percent})."
+
+
+def find_other_structure(
     family: Family[FamilyOptions],
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
-) -> NotIdentifiedError:
-    """Return the refusal of a fit with the one option that describes these samples, if any does.
+) -> OtherStructure | None:
+    """Return the structure one option away that describes the samples of a refused fit best.
 
     A model that lacks a term may depend on its parameters nowhere: a mass shows nowhere where a
     spring was left out. What to record would be the wrong remedy. Structures that the family
-    declares for this (:class:`.Structure`) and that differ in one option are fitted to the samples.
+    declares for this (:class:`.Structure`) and that differ in one option are fitted to the
+    samples; ``None`` where none describes them.
     """
-    found = max(_fits(family, variant, experiments, request), default=None)
-    if found is None:
-        return error
-    percent, option = found
-    return NotIdentifiedError(
-        error.what, where=error.where, expected=error.expected, option=option,
-        remedy=f"Try {option}: a model with it describes these logs (fit {percent_text(percent)})."
-        f"\nOtherwise: {error.remedy}",
-    )  # fmt: skip
+    return max(_fits(family, variant, experiments, request), default=None)
 
 
 def _fits(
@@ -46,8 +52,8 @@ def _fits(
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
-) -> Iterator[tuple[float, str]]:
-    """How well structures one option away describe the samples [%], with that option."""
+) -> Iterator[OtherStructure]:
+    """Structures one option away that describe the samples."""
     for structure in family.structures:
         now = {name: getattr(request.options, name.replace("-", "_")) for name in structure.options}
         changed = {n: value for n, value in structure.options.items() if value != now[n]}
@@ -66,4 +72,4 @@ def _fits(
             continue
         percent = agreement(fitted).fit_percent
         if percent >= FIT_WEAK:
-            yield percent, option
+            yield OtherStructure(percent, option)

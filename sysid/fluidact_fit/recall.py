@@ -9,10 +9,11 @@ from typing import Any
 
 from .errors import FluidactError, LogError, Notice, UsageError
 from .logs import Log, LogLike, StepInput, open_logs, share_columns
-from .logs.columns import matching, reference_of
+from .logs.columns import matching, missing_roles, reference_of
 from .logs.opening import listed_logs
 from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .parameters.document import Column, LogSource, ParameterDocument
+from .specification import Role
 from .units import parse_unit_from_header
 
 _LISTED = 4  # logs whose constant a message names
@@ -239,3 +240,15 @@ def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
 def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
     """Bind the columns of logs that belong together as the file's own logs were bound."""
     return share_columns([recall_columns(document, log) for log in logs])
+
+
+def name_lost_columns(document: ParameterDocument, log: Log, roles: Sequence[Role]) -> Log:
+    """Bind required roles that a log lacks to their header in the file: the refusal names it."""
+    headers = {
+        role: entry.header
+        for source in document.provenance.logs
+        for role, entry in source.columns.items()
+        if entry.header is not None
+    }
+    lost = {r: headers[r] for r in missing_roles(log, roles) if r in headers}
+    return replace(log, bindings={**lost, **log.bindings})

@@ -21,7 +21,7 @@ from .logs.columns import in_unit
 from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import ParameterDocument
-from .recall import open_as_fitted, recall_logs
+from .recall import name_lost_columns, open_as_fitted, recall_logs
 from .units import pressure_reference
 
 _MOST_SAMPLES = 5_000_000
@@ -33,16 +33,18 @@ def variant_of(document: ParameterDocument) -> Variant:
 
 
 def prepare_logs(
-    document: ParameterDocument, logs: Sequence[Log]
+    document: ParameterDocument, logs: Sequence[Log], *, output: bool = False
 ) -> tuple[list[Experiment], list[Notice]]:
     """Turn logs whose columns are bound (:func:`recall_logs`) into runs, holds as in the file.
 
-    The output may be missing. Returned with the warnings; a log that lacks what the model needs
-    is refused (``UsageError``, ``LogError``).
+    Without ``output`` that of the model may be missing. Returned with the warnings; a log that
+    lacks what the model needs is refused (``UsageError``, ``LogError``).
     """
     variant = variant_of(document)
-    roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
-    variant = replace(variant, roles=roles)
+    if not output:
+        roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
+        variant = replace(variant, roles=roles)
+    logs = [name_lost_columns(document, log, variant.roles) for log in logs]
     require_agreement(logs, variant, _units_of_file(document))
     runs: list[Experiment] = []
     notices: list[Notice] = []

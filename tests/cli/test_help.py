@@ -63,6 +63,12 @@ def test_family_help_is_generated_from_the_family(name: str, here: Callable[...,
     assert {o for p in command(name).params for o in p.opts} >= FIT_OPTIONS
 
 
+def test_variants_with_the_same_parameters_list_them_once(here: Callable[..., Any]) -> None:
+    text = here("cylinder-friction", "--help").out
+    listed = re.findall(r"^ +coulomb_positive +\[(N.*?)\]", text, re.MULTILINE)
+    assert listed == ["N", "N m"]  # of a piston and of a shaft
+
+
 def test_help_is_short_and_says_where_the_rest_is(here: Callable[..., Any]) -> None:
     text = here("line", "--help").out
     shown = set(re.findall(r"^  (?:-[a-z], )?--([a-z-]+)", text, re.MULTILINE))

@@ -113,6 +113,16 @@ def test_a_command_of_the_help_continues_behind_a_backslash() -> None:
     assert " ".join(part.removesuffix("\\").strip() for part in parts) == line.strip()
 
 
+def test_an_option_of_a_command_stays_beside_its_value() -> None:
+    line = (
+        "    fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --strict -v"
+    )
+    for width in range(40, 90):
+        words = [part.removesuffix(" \\").split() for part in fit_line(line, width)]
+        assert not any(part[-1] in ("--from", "--amplitude") for part in words)
+        assert [word for part in words for word in part] == line.split()
+
+
 def test_the_second_column_of_a_help_stays_a_column() -> None:
     first, second = fit_line("c       NAME.h, NAME.c: what a controller calls; and more", 40)
     assert first.startswith("c       NAME.h")

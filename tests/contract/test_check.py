@@ -43,3 +43,25 @@ def test_a_prediction_is_as_uncertain_as_the_parameters_of_the_file(
     done = here("check", "drive.yaml", "changed.csv")
     assert done.status == 5
     assert "moved from" in done.err
+
+
+@pytest.mark.parametrize(("header", "role", "remedy"), [
+    ("F [kN]", "force", "'force=F'"), ("x [m]", "position", "'position=x'"),
+    ("X2 [mm]", "position", "--column position=HEADER"),
+])  # fmt: skip
+def test_a_renamed_column_is_named_by_the_header_of_the_file(
+    header: str, role: str, remedy: str, here: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Another unit in the header may be right: it is not taken without a word."""
+    text = (DATASETS / "hydrostatic/trial1.csv").read_text(encoding="utf-8")
+    before = "F [N]" if role == "force" else "x [mm]"
+    columns = ["--column=force=F [N]", "--column=position=x [mm]"]
+    path = str(tmp_path / "h.yaml")
+    assert here("hydrostatic", str(DATASETS / "hydrostatic/trial1.csv"), *columns, "-o", path
+                ).status == 0  # fmt: skip
+    other = tmp_path / "other.csv"
+    other.write_text(text.replace(before, header, 1), encoding="utf-8")
+    found = here("check", path, str(other))
+    assert found.status == 3
+    assert f"there is no column '{before}' for the role '{role}'" in found.err
+    assert remedy in found.err

@@ -19,6 +19,7 @@ from ..messages import tell_message
 from ..outputs import check_targets
 from ..progress import Progress
 from ..recorded import recorded_command
+from ..show import echo_text
 from .fit_family import make_command, output_options, targets_of, write_result
 
 if TYPE_CHECKING:
@@ -126,6 +127,8 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
         raise _open_question(able, log)
     echo_advice(able)
+    for k, suggestion in enumerate(able, 1):
+        echo_text(suggestion.command, "    ", f"{k}   ")
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip
     return able[number - 1]

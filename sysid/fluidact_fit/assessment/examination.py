@@ -69,7 +69,10 @@ def examine(
     user has given: those are not questioned, unless the data contradict them.
     """
     details: dict[str, Any] = {}
-    notices: list[Notice] = []
+    runs = [s.experiment for s in fitted]
+    # first what explains the others: a number in another unit, a reversed column
+    notices = implausible_notices(find_implausible(family, solution.options, variant, runs))
+    notices += reversed_gains(variant, solution)
 
     def add(name: str, found: tuple[Any, list[Notice]]) -> None:
         if found[0] not in (None, {}):
@@ -87,9 +90,6 @@ def examine(
     if at is not None:
         outliers = _examine_derivatives(at, add)
     add("channels", judge_channels(family, solution, fitted))
-    runs = [s.experiment for s in fitted]
-    notices += implausible_notices(find_implausible(family, solution.options, variant, runs))
-    notices += reversed_gains(variant, solution)
     if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
         notices = [n for n in notices if n.code != "errors-change-slowly"]
     return Examined(details, notices, outliers)

@@ -169,13 +169,14 @@ def _hold_notice(
         if declared:
             code = "hold-as-given"
         lead = f"the data cannot tell whether '{role}' is {taken}"
-        then = "If it was right, look for lost rows, gaps, clipping or a lag."
+        # What was declared is a note on an assumption; nothing in the data speaks against it.
+        then = "" if declared else "If it was right, look for lost rows, gaps, clipping or a lag."
     return Notice(
         code,
         f"{lead}; with --hold {role}={found.other} {found.parameter} would change by "
         f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
         "are held (zoh), measured signals are not (foh or smooth): give --hold by what the signal "
-        f"is, not by what fits. {then}",
+        f"is, not by what fits. {then}".rstrip(),
     )
 
 

@@ -57,7 +57,6 @@ _BOW = (
 )
 
 
-_CANNOT_BE = ", which cannot be"
 _NO_OPTION = (
     "No option gives that: look for an input that is filtered or stamped late, or for something "
     "else that the model lacks."
@@ -88,7 +87,9 @@ class Term:
         Out of how many directions the residual itself has chosen this one: by chance it then has
         as much of it as of all of them.
     positive
-        Whether the size cannot be negative.
+        Whether the size cannot be negative: it is judged from one side.
+    ends
+        Least and largest size that can be: no option estimates another.
     changes
         Parameter of which it is a change: at either end of a log it is off by half of the size.
     sampled
@@ -105,13 +106,14 @@ class Term:
     least: float = policy.LEAST
     chosen: int = 1
     positive: bool = False
+    ends: tuple[float, float] = (-np.inf, np.inf)
     instruments: Sequence[FloatArray] = ()
     changes: str = ""
     sampled: float = 0.0
 
     def advice(self, size: float) -> str:
-        """What to do about a size: no option estimates one that cannot be."""
-        return _NO_OPTION if self.words(size).endswith(_CANNOT_BE) else self.remedy
+        """What to do about a size."""
+        return self.remedy if self.ends[0] <= size <= self.ends[1] else _NO_OPTION
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
@@ -233,9 +235,9 @@ def _parameters(at: Optimum) -> Iterator[Term]:
             option += f", or --{freed[name].name}={freed[name].choices[-1]} without it"
         apart = spec.general and name not in table
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
-        yield Term(
-            name, spec.unit, words, f"Try {option}.", columns, offered=True, instruments=instruments
-        )
+        ends = (-np.inf, np.inf) if apart else (spec.minimum - value, spec.maximum - value)
+        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True, ends=ends,
+                   instruments=instruments)  # fmt: skip
 
 
 def _effects(at: Optimum) -> Iterator[Term]:
@@ -260,8 +262,9 @@ def _effects(at: Optimum) -> Iterator[Term]:
             if combined is None:
                 continue
             columns, chosen = combined
+        ends = (0.0 if effect.positive else -np.inf, np.inf)
         yield Term(effect.name, unit, words, effect.remedy, columns, positive=effect.positive,
-                   offered=effect.offered, chosen=chosen)  # fmt: skip
+                   ends=ends, offered=effect.offered, chosen=chosen)  # fmt: skip
 
 
 def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArray], int] | None:
@@ -282,7 +285,7 @@ def _effect_words(name: str, words: str, positive: bool, unit: str, size: float)
 
 
 def _impossible(name: str, value: float, unit: str) -> str:
-    return f"{name} were {value:.3g}{after_number(unit)}{_CANNOT_BE}"
+    return f"{name} were {value:.3g}{after_number(unit)}, which cannot be"
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:

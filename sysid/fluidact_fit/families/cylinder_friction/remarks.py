@@ -15,7 +15,7 @@ from .fit import Fit, levels_impossible
 from .options import ONE_SIDED
 from .samples import LEVELS, half_range
 
-_TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
+_TOLD = 4.0  # standard errors of a parameter by which logs differ beyond doubt
 
 
 def remarks(fit: Fit) -> Iterator[Notice]:
