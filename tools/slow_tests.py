@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1] / "tests"
-LIMIT, MOST = 0.4, 2.0  # s
+LIMIT, MOST = 0.3, 1.5  # s
 STAYS = ("notebooks/01_potentiometer.ipynb",)
 _LINE = re.compile(r"(\d+\.\d+)s (?:call|setup|teardown) +(\S.*)")
 

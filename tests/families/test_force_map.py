@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pytest
 
 import fluidact_fit as ff
@@ -486,3 +487,18 @@ def test_what_is_predicted_drives_nothing(variant: Variant) -> None:
     """Its noise is in the residual of the same sample, which was called a closed loop."""
     assert variant.output.hold is not None
     assert variant.output not in variant.driving
+
+
+@pytest.mark.parametrize(("kept", "told"), [((0.0, 30.0), False), ((7.5, 25.0), True)])
+def test_a_gap_wider_than_any_that_was_tested_is_named(
+    kept: tuple[float, float], told: bool
+) -> None:
+    """Without 7.5 to 25 mm a gap of 19 mm is left, beside one of 3.5 mm that was tested."""
+    logs = [pd.read_csv(DATA / f"trial{k}.csv") for k in (1, 2)]
+    if told:
+        logs = [log[(log["x [mm]"] < kept[0]) | (log["x [mm]"] > kept[1])] for log in logs]
+    columns = {role: header for role, header in COLUMNS.items() if role != "time"}
+    result = ff.fit("force-map", logs, hidden="2", starts=1, columns=columns, sample_time=0.01)
+    said = [n.message for n in result.notices if n.code == "few-positions"]
+    assert len(said) == told
+    assert not told or "between 0.00" in said[0]

@@ -12,8 +12,8 @@ SLOW = (TESTS / "slow.txt").read_text(encoding="utf-8").splitlines()
 PROMISES = (TESTS / "promises.txt").read_text(encoding="utf-8").split()
 REPORT = """
 ============ slowest durations ============
-0.30s setup    tests/test_a.py::test_one[x]
-0.20s call     tests/test_a.py::test_one[x]
+0.15s setup    tests/test_a.py::test_one[x]
+0.10s call     tests/test_a.py::test_one[x]
 0.90s call     tests/test_a.py::test_one[y z]
 0.10s call     tests/test_a.py::test_two
 9.00s call     tests/test_b.py::test_three[p]

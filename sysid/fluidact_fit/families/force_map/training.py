@@ -147,6 +147,23 @@ def _positions_held_out(data: Data) -> bool:
     return highest >= 2 or (highest == 0 and float(np.ptp(position)) > 20.0 * floor)
 
 
+def _untested_gap(data: Data) -> tuple[float, float] | None:
+    """Ends of the widest gap between positions [m], if the map was tested over none like it.
+
+    What is held out is judged as far from the rest as its nearest neighbour; the middle of a gap is
+    half of the gap from what was recorded.
+    """
+    position = data.position[data.used]
+    levels = _levels(position)
+    if levels.max() < 2:
+        return None
+    parts = [position[levels == k] for k in range(int(levels.max()) + 1)]
+    low, high = np.array([p.min() for p in parts]), np.array([p.max() for p in parts])
+    gaps = low[1:] - high[:-1]
+    widest, tested = int(np.argmax(gaps)), float(np.minimum(gaps[:-1], gaps[1:]).max())
+    return (high[widest], low[widest + 1]) if 0.5 * gaps[widest] > tested else None
+
+
 def _length_column(data: Data) -> int | None:
     """Column of a length that names the specimens; ``None`` where there is none."""
     if "length" not in data.names:
@@ -310,6 +327,13 @@ def training_notices(fit: Fit) -> list[Notice]:
             "validation error is that of the recorded positions, and the map may be off by any "
             "amount at others. Record at least five positions over the range in use, or leave "
             "position out of --inputs and use the map where it was recorded."
+        )
+        out.append(Notice("few-positions", text))
+    if "position" in data.names and (gap := _untested_gap(data)) is not None:
+        text = (
+            f"no position between {gap[0]:.3g} and {gap[1]:.3g} m was recorded, and the map was "
+            "tested over no gap as wide: within it the map may be off by any amount. Record "
+            "positions in between."
         )
         out.append(Notice("few-positions", text))
     if rows.length is not None and np.unique(rows.x[:, rows.length]).size < 3:
