@@ -150,8 +150,8 @@ def _positions_held_out(data: Data) -> bool:
 def _untested_gap(data: Data) -> tuple[float, float] | None:
     """Ends of the widest gap between positions [m], if the map was tested over none like it.
 
-    What is held out is judged as far from the rest as its nearest neighbour; the middle of a gap is
-    half of the gap from what was recorded.
+    Compared are distances to what was trained: of the middle of the gap, and of the most remote
+    sample of a level that was held out.
     """
     position = data.position[data.used]
     levels = _levels(position)
@@ -160,7 +160,10 @@ def _untested_gap(data: Data) -> tuple[float, float] | None:
     parts = [position[levels == k] for k in range(int(levels.max()) + 1)]
     low, high = np.array([p.min() for p in parts]), np.array([p.max() for p in parts])
     gaps = low[1:] - high[:-1]
-    widest, tested = int(np.argmax(gaps)), float(np.minimum(gaps[:-1], gaps[1:]).max())
+    widest = int(np.argmax(gaps))
+    below, above = high[:-2], low[2:]  # what is left beside a level that is held out
+    remote = np.clip(0.5 * (below + above), low[1:-1], high[1:-1])
+    tested = float(np.minimum(remote - below, above - remote).max())
     return (high[widest], low[widest + 1]) if 0.5 * gaps[widest] > tested else None
 
 
