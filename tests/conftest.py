@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-# Before numpy is loaded, and for every process of the tests: threads of the linear algebra beside
-# as many processes as cores wait for each other ten times as long as they compute.
+# Before numpy is loaded, and for every process of the tests: with as many processes as cores,
+# several threads of linear algebra in each are up to ten times slower than one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -31,8 +31,7 @@ LONG = (
 )
 
 
-# Repetitions, and cross products of which one case stays in `make test`: measured, not guessed
-# (`tools/slow_tests.py` writes the list).
+# Repetitions, and all but one case of what runs many; `tools/slow_tests.py` writes the list.
 SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines())
 
 
