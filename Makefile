@@ -71,7 +71,7 @@ test-slow: $(INSTALLED_DEV)
 # After tests were added: what takes long is listed anew.
 slow-list: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest -n 2 --dist worksteal --nbmake --durations=0 --durations-min=0.02 \
-		tests notebooks > slow-list.txt
+		tests notebooks > slow-list.txt || { tail -n 20 slow-list.txt; rm slow-list.txt; exit 1; }
 	$(BIN)/python tools/slow_tests.py < slow-list.txt > tests/slow.txt
 	rm slow-list.txt
 

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
 _BESIDE = 45  # characters of a table before its last column
 
 
-def echo_advice(advice: Sequence[Suggestion]) -> None:
-    """Print which families fit, what they do not determine, and what to run."""
+def echo_advice(advice: Sequence[Suggestion], *, choice: bool = False) -> None:
+    """Print which families fit, what they do not determine, and what to run.
+
+    ``choice`` says that a person is asked for one of all commands, by its number.
+    """
     echo()
     if not advice:
         echo_text(
@@ -28,12 +31,12 @@ def echo_advice(advice: Sequence[Suggestion]) -> None:
     whole = [s for s in advice if not s.candidates]
     incomplete = [s for s in advice if s.candidates]
     if whole:
-        _echo_assigned(whole)
+        _echo_assigned(whole, choice)
     if incomplete:
         _echo_incomplete(incomplete, other=bool(whole))
 
 
-def _echo_assigned(advice: Sequence[Suggestion]) -> None:
+def _echo_assigned(advice: Sequence[Suggestion], choice: bool) -> None:
     """Print families that have a column for every role, and their commands."""
     _echo_families(advice)
     best = advice[0]
@@ -50,11 +53,11 @@ def _echo_assigned(advice: Sequence[Suggestion]) -> None:
                   f"or --scale {other}=-1")  # fmt: skip
     if best.asked:
         echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
-    shown = advice if best.basis else advice[:1]
+    shown = advice if best.basis or choice else advice[:1]
     tried = "next, once that is resolved:" if best.verdict == "refused" else "next:"
     echo(tried if len(shown) == 1 else "next, one of:")
-    for s in shown:
-        echo(f"  {_command(s)}")
+    for number, s in enumerate(shown, 1):
+        echo(f"  {number}   {_command(s)}" if choice else f"  {_command(s)}")
 
 
 def _reasons(advice: Sequence[Suggestion]) -> dict[str, str]:

@@ -19,7 +19,6 @@ from ..messages import tell_message
 from ..outputs import check_targets
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo_text
 from .fit_family import make_command, output_options, targets_of, write_result
 
 if TYPE_CHECKING:
@@ -126,9 +125,7 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
         )  # fmt: skip
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
         raise _open_question(able, log)
-    echo_advice(able)
-    for k, suggestion in enumerate(able, 1):
-        echo_text(suggestion.command, "    ", f"{k}   ")
+    echo_advice(able, choice=True)
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip
     return able[number - 1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +41,27 @@ class Data:
     position: FloatArray
     log: npt.NDArray[np.intp]
     cuts: npt.NDArray[np.intp]
+
+    @cached_property
+    def levels(self) -> npt.NDArray[np.intp]:
+        """Number of the position level of each used sample: gaps of 3 % of the range divide them.
+
+        A few samples by themselves, as noise makes them, are no level but belong to the one below,
+        and so do those whose gap is lost in the scatter of the level on either side.
+        """
+        position = self.position[self.used]
+        order = np.argsort(position, kind="stable")
+        ascending = position[order]
+        label = np.concatenate(([0], np.cumsum(np.diff(ascending) > 0.03 * np.ptp(position))))
+        own = np.bincount(label) >= max(5, position.size // 100)
+        level = np.maximum(np.cumsum(own) - 1, 0)[label]
+        first = np.flatnonzero(np.diff(level)) + 1
+        scatter = np.array([part.std() for part in np.split(ascending, first)])
+        wide = np.maximum(scatter[:-1], scatter[1:])
+        apart = ascending[first] - ascending[first - 1] > wide
+        out = np.empty(position.size, dtype=np.intp)
+        out[order] = np.concatenate(([0], np.cumsum(apart)))[level]
+        return out
 
 
 def settle_dead_bands(

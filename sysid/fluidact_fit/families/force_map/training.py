@@ -101,7 +101,7 @@ def _split(data: Data, seed: int) -> tuple[Index, str, int]:
     Returns the fold of each row, what they were split by, and the number of groups.
     """
     position, logs = data.position[data.used], data.log[data.used]
-    levels = _levels(position)
+    levels = data.levels
     count, records = int(levels.max()) + 1, np.unique(logs)
     if count >= 5 or (count >= 3 and records.size < 3):
         by, labels, inner = "position", levels, np.arange(1, count - 1)
@@ -116,33 +116,13 @@ def _split(data: Data, seed: int) -> tuple[Index, str, int]:
     return interior_folds(labels, inner, 4, seed), by, inner.size
 
 
-def _levels(position: FloatArray) -> Index:
-    """Number of the position level of each sample: gaps of 3 % of the range divide them.
-
-    A few samples by themselves, as noise makes them, are no level but belong to the one below,
-    and so do those whose gap is lost in the scatter of the level on either side.
-    """
-    order = np.argsort(position, kind="stable")
-    ascending = position[order]
-    label = np.concatenate(([0], np.cumsum(np.diff(ascending) > 0.03 * np.ptp(position))))
-    own = np.bincount(label) >= max(5, position.size // 100)
-    level = np.maximum(np.cumsum(own) - 1, 0)[label]
-    first = np.flatnonzero(np.diff(level)) + 1
-    scatter = np.array([part.std() for part in np.split(ascending, first)])
-    wide = np.maximum(scatter[:-1], scatter[1:])
-    apart = ascending[first] - ascending[first - 1] > wide
-    out = np.empty(position.size, dtype=np.intp)
-    out[order] = np.concatenate(([0], np.cumsum(apart)))[level]
-    return out
-
-
 def _positions_held_out(data: Data) -> bool:
     """Return whether positions between others were recorded, so that some can be held out.
 
     A position that moves all the time is as good as many; one that only shows its noise is one.
     """
     position = data.position[data.used]
-    highest = int(_levels(position).max())
+    highest = int(data.levels.max())
     floor = max(noise_floor(position, 1, robust=False), 1e-300)
     return highest >= 2 or (highest == 0 and float(np.ptp(position)) > 20.0 * floor)
 
@@ -154,10 +134,10 @@ def _untested_gap(data: Data) -> tuple[float, float] | None:
     sample of a level that was held out.
     """
     position = data.position[data.used]
-    levels = _levels(position)
-    if levels.max() < 2:
+    highest = int(data.levels.max())
+    if highest < 2:
         return None
-    parts = [position[levels == k] for k in range(int(levels.max()) + 1)]
+    parts = [position[data.levels == k] for k in range(highest + 1)]
     low, high = np.array([p.min() for p in parts]), np.array([p.max() for p in parts])
     gaps = low[1:] - high[:-1]
     widest = int(np.argmax(gaps))
