@@ -22,7 +22,7 @@ from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import ParameterDocument
 from .recall import name_lost_columns, open_as_fitted, recall_logs
-from .units import pressure_reference
+from .units import dimension_name, pressure_reference, same_dimension
 
 _MOST_SAMPLES = 5_000_000
 
@@ -172,6 +172,11 @@ def simulate_steps(
             step = inputs[role.name]
             known = covered.unit if covered else role.unit
             unit = step.unit or units.get(role.name) or known
+            if step.unit and known != "1" and not same_dimension(step.unit, known):
+                raise UsageError(
+                    f"--input {role.name}: {step.unit} is {dimension_name(step.unit)}.",
+                    expected=f"Expected numbers in {known}, or with a unit of the same quantity.",
+                )
             where = f"--unit {role.name}={unit}"
             wanted = replace(in_unit(role, known), alternatives=())
             signals[role.name] = step_signal(wanted, step, where, unit)

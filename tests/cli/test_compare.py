@@ -9,6 +9,10 @@ from typing import Any
 
 import pytest
 
+from fluidact_fit.structures import StructureComparison, StructureFit
+from fluidact_fit_cli.commands.compare_structures import next_commands
+from fluidact_fit_cli.errors import Invocation
+
 Run = Callable[..., Any]
 Log = Callable[..., Path]
 
@@ -101,6 +105,24 @@ def test_structures_are_compared_and_the_command_to_run_next_runs(here: Run, fil
     assert found["command"] == " ".join(command)
     assert [s["name"] for s in found["structures"]] == ["second order", "second order, dead time"]
     assert found["structures"][0]["parameters"] == 2
+
+
+def test_where_the_judges_disagree_both_commands_are_listed() -> None:
+    both = tuple(
+        StructureFit(name, {"dead-time": delay, "zero": "none"}, {})
+        for name, delay in (("second order", "none"), ("second order, dead time", "estimate"))
+    )
+    names = (both[0].name, both[1].name)
+    found = StructureComparison("valve", both, None, "each log in turn", 100, names)
+    words = ("compare", "--structures", "valve", "v0.csv", "--zero", "none")
+    commands = next_commands(found, Invocation(words), {})
+    assert list(commands) == list(names)
+    for name, delay, file in zip(
+        names, ("none", "estimate"), ("valve-second-order", "valve-second-order-dead-time")
+    ):
+        assert commands[name].startswith("fluidact-fit valve v0.csv ")
+        assert f"--dead-time {delay}" in commands[name]
+        assert commands[name].endswith(f"-o {file}.yaml")
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,17 @@ def test_wrong_use_is_explained(
     assert "Traceback" not in done.err
 
 
+def test_the_family_may_be_left_to_the_file(here: Run, params: Path) -> None:
+    with_family = here("design", "valve", "--from", str(params), "--duration", "0.5", "--json")
+    assert here("design", str(params), "--duration", "0.5", "--json").out == with_family.out
+    missing = here("design", "valve")
+    assert missing.status == 2
+    assert "design valve --from FILE.yaml" in missing.err
+    absent = here("design", "vlve.yaml")
+    assert absent.status == 3
+    assert "vlve.yaml" in absent.err
+
+
 def test_a_file_that_cannot_be_read_is_named(here: Run, tmp_path: Path) -> None:
     broken = tmp_path / "broken.yaml"
     broken.write_text("format: something else\n", encoding="utf-8")

@@ -54,34 +54,47 @@ def run(
             **chosen_options(params),
         )  # fmt: skip
     invocation = invocation or Invocation(("compare", "--structures", name, *files))
-    command = next_command(found, invocation, params["fix"])
+    commands = next_commands(found, invocation, params["fix"])
     if as_json:
-        echo_json({**found.to_dict(), "command": command})
+        echo_json({**found.to_dict(), "command": commands.get(found.recommended or "", ""),
+                   "commands": commands})  # fmt: skip
     elif not params["quiet"]:
-        _show(found, command)
+        _show(found, commands)
 
 
-def next_command(
+def next_commands(
     found: StructureComparison, invocation: Invocation, fixed: Mapping[str, float]
-) -> str:
-    """The fit of the recommended structure, as a shell takes it; empty where there is none.
+) -> dict[str, str]:
+    """Structures to fit next, each with its command as a shell takes it.
 
-    What the user has ``fixed`` stands among the words already.
+    That is the recommended one, or the two between which the judges disagree. What the user has
+    ``fixed`` stands among the words already.
     """
+    names = (found.recommended,) if found.recommended else found.preferred
+    return {
+        one.name: _command(found.family, one, invocation, fixed, apart=len(names) > 1)
+        for one in found.structures if one.name in names
+    }  # fmt: skip
+
+
+def _command(
+    family: str, one: StructureFit, invocation: Invocation, fixed: Mapping[str, float], *,
+    apart: bool,
+) -> str:  # fmt: skip
+    """The command that fits one structure, into a file of its own where it stands ``apart``."""
     from fluidact_fit.files import shell_command
 
-    if found.best is None:
-        return ""
-    chosen = dict.fromkeys(("--structures", *(o for o, _ in found.best.settings)), True)
+    chosen = dict.fromkeys(("--structures", *(o for o, _ in one.settings)), True)
     kept = options.typed_words(invocation, "compare", {**_FLAGS, **chosen})
-    selected = [w for setting in found.best.settings for w in setting]
-    held = [w for name, value in found.best.fixed.items() if name not in fixed
+    selected = [w for setting in one.settings for w in setting]
+    held = [w for name, value in one.fixed.items() if name not in fixed
             for w in ("--fix", f"{name}={value!r}")]  # fmt: skip
-    return shell_command(["fluidact-fit", found.family, *kept, *selected, *held,
-                          "-o", f"{found.family}.yaml"])  # fmt: skip
+    own = "-" + "-".join(one.name.replace(",", "").split()) if apart else ""
+    return shell_command(["fluidact-fit", family, *kept, *selected, *held,
+                          "-o", f"{family}{own}.yaml"])  # fmt: skip
 
 
-def _show(found: StructureComparison, command: str) -> None:
+def _show(found: StructureComparison, commands: Mapping[str, str]) -> None:
     head = ["structure", "k", "fit", "held out", "verdict", "ΔBIC"]
     echo_table([head, *map(_row, found.structures)], right=(1, 2, 3, 5))
     for one in found.structures:
@@ -116,8 +129,8 @@ def _show(found: StructureComparison, command: str) -> None:
             "predicts the held-out logs better. Something lasts in the residuals that none of them "
             "describes: fit both, look at the pictures (--plot) and at the warnings."
         )
-        return
-    echo(f"recommended: {found.recommended}\n  {command}")
+    for name, command in commands.items():
+        echo(f"{'recommended: ' if found.recommended else ''}{name}\n  {command}")
 
 
 def _row(one: StructureFit) -> list[str]:

@@ -37,9 +37,9 @@ _LIMITS = "Limits (in SI, or with a unit: 0:50mm)"
     "design",
     cls=Command,
     params=[
-        click.Argument(["family"], metavar="FAMILY"),
-        Option(["--from", "params_file"], metavar="PARAMS", required=True, group="Input",
-               help="The parameter file of the present fit."),
+        click.Argument(["family"], metavar="FAMILY|PARAMS"),
+        Option(["--from", "params_file"], metavar="PARAMS", group="Input",
+               help="The parameter file of the present fit, behind FAMILY."),
         parsed("--amplitude", "LOW:HIGH", "-12:12V", parse_quantities,
                "Range of the driving role (default: the file's validity).", _LIMITS),
         parsed("--rate", "NUMBER", "100", parse_quantity,
@@ -63,8 +63,9 @@ _LIMITS = "Limits (in SI, or with a unit: 0:50mm)"
     ],
 )  # fmt: skip
 def command(
-    family: str, params_file: str, output: str | None, force: bool, as_json: bool, **params: Any
-) -> None:
+    family: str, params_file: str | None, output: str | None, force: bool, as_json: bool,
+    **params: Any,
+) -> None:  # fmt: skip
     """Design the next experiment: the one that best determines the least certain parameter.
 
     Predicts the standard error of every parameter of the file for many excitations within the
@@ -73,17 +74,24 @@ def command(
 
     \b
     Examples:
-      fluidact-fit design valve --from valve.yaml -o next.csv
+      fluidact-fit design valve.yaml -o next.csv
       fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --stroke 0:200
     """
     from fluidact_fit.control import read_document
     from fluidact_fit.excitation import design as make_design
 
-    check_names("FAMILY", "family", [family], family_names())
+    if params_file is not None or family in family_names():
+        check_names("FAMILY", "family", [family], family_names())
+    if params_file is None and family in family_names():
+        raise UsageError(
+            "the parameter file of the present fit is missing.",
+            remedy=f"Give `design {family} --from FILE.yaml`, or `design FILE.yaml`.",
+        )
+    source = params_file or family
     if output is not None:
-        check_targets({"-o": output}, [params_file], force)
-    document = read_document(params_file)
-    if document.family != family:
+        check_targets({"-o": output}, [source], force)
+    document = read_document(source)
+    if params_file is not None and document.family != family:
         raise UsageError(
             f"{params_file} is of the family {document.family}, not {family}.",
             remedy=f"Give `design {document.family}`, or another file.",
