@@ -16,18 +16,10 @@ from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_optio
 from ..outputs import check_targets, write_all
 from ..parse import converted, parse_quantities, parse_seconds
 from ..progress import Progress
-from ..show import (
-    echo,
-    echo_json,
-    echo_table,
-    echo_text,
-    format_interval,
-    format_number,
-    format_spread,
-)
+from ..show import echo, echo_json, echo_text, show_table
 
 if TYPE_CHECKING:
-    from fluidact_fit.excitation import Design, Forecast
+    from fluidact_fit.excitation import Design
     from fluidact_fit.parameters import ParameterDocument
 
 _LIMITS = "Limits (in SI, or with a unit: 0:50mm)"
@@ -120,9 +112,7 @@ def _limits_in_si(document: ParameterDocument, params: Mapping[str, Any]) -> dic
 def _show(found: Design, output: str | None, verbose: bool) -> None:
     echo_text(f"{found.family}: {found.description}")
     echo()
-    head = ["parameter", "value", "unit", "present", "predicted", "ratio",
-            "present 95 %", "predicted 95 %"]  # fmt: skip
-    echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5), drop=(7, 6, 2))
+    show_table(found.table())
     echo()
     echo_text(f"binding limits: {', '.join(found.binding)}")
     for note in found.notes:
@@ -133,16 +123,3 @@ def _show(found: Design, output: str | None, verbose: bool) -> None:
             worst = "" if c.worst_relative is None else f"{100.0 * c.worst_relative:.3g} %"
             echo(f"  {worst:>9}  {c.description}")
     echo(f"written to {output}" if output else "Not saved. Add -o next.csv to save it.")
-
-
-def _row(f: Forecast) -> list[str]:
-    return [
-        f.name,
-        format_number(f.value, f.predicted),
-        f.unit,
-        f"± {format_spread(f.present)}" if f.present else "not identified",
-        f"± {format_spread(f.predicted)}" if f.predicted else "not identified",
-        f"{f.ratio:.2g}" if f.ratio is not None else "",
-        format_interval(f.present_ci95, f.present),
-        format_interval(f.predicted_ci95, f.predicted),
-    ]

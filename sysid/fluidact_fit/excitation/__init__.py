@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ..control import read_document
+from ..parameter_table import recorded_units
 from ..parameters import ParameterDocument
 from ..specification import quotient_unit
 from .command import design_command
@@ -98,4 +99,5 @@ def design(
     task = Task(document, given, criterion, seed, progress or (lambda message: None))
     task.check()
     kinds = {"command": design_command, "strokes": design_strokes, "points": design_points}
-    return replace(kinds[task.excitation.kind](task), inputs=inputs)
+    found = kinds[task.excitation.kind](task)
+    return replace(found, inputs=inputs, recorded_units=recorded_units(document))

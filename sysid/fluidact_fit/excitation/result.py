@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ import numpy as np
 
 from ..experiment import FloatArray
 from ..parameters import write_atomically
+from ..tables import Table, format_interval, format_number, format_spread
+from ..units import display_unit
 
 NOT_GIVEN = (0.0, 0.0)  # an amplitude that is left to what the file's logs covered
 
@@ -99,6 +101,8 @@ class Design:
         The best of each shape, best first.
     inputs
         The parameter file, where one was read; what is saved never replaces it.
+    recorded_units
+        Units of the columns of the file's logs, in which numbers are shown.
     """
 
     family: str
@@ -113,6 +117,14 @@ class Design:
     notes: tuple[str, ...]
     candidates: tuple[Candidate, ...] = ()
     inputs: tuple[str, ...] = ()
+    recorded_units: tuple[str, ...] = ()
+
+    def table(self) -> Table:
+        """Return present and predicted errors as a table that shows itself."""
+        head = ("parameter", "value", "unit", "present", "predicted", "change", "present 95 %",
+                "predicted 95 %")  # fmt: skip
+        rows = tuple(_cells(f, self.recorded_units) for f in self.forecasts)
+        return Table(head, rows, right=(1, 5), drop=(7, 6, 2))
 
     @property
     def predicted(self) -> dict[str, float | None]:
@@ -157,3 +169,24 @@ class Design:
             When the file exists and ``overwrite`` is false, or cannot be written.
         """
         return write_atomically(path, self.to_csv(), overwrite=overwrite, inputs=self.inputs)
+
+
+def _cells(f: Forecast, recorded: Sequence[str]) -> tuple[str, ...]:
+    shown = display_unit(f.unit, abs(f.value), recorded)
+    present, predicted = (
+        None if error is None else error * shown.factor for error in (f.present, f.predicted)
+    )
+    before, after = (
+        None if ends is None else [end * shown.factor for end in ends]
+        for ends in (f.present_ci95, f.predicted_ci95)
+    )
+    return (
+        f.name,
+        format_number(f.value * shown.factor, predicted),
+        shown.unit,
+        f"± {format_spread(present)}" if present else "not identified",
+        f"± {format_spread(predicted)}" if predicted else "not identified",
+        f"× {f.ratio:.2g}" if f.ratio is not None else "",
+        format_interval(before, present),
+        format_interval(after, predicted),
+    )
