@@ -648,9 +648,10 @@ def test_a_written_number_reads_back(number: float) -> None:
 
 @pytest.mark.parametrize(
     ("unit", "said"),
-    [("brr", "did you mean 'bar'?"), ("mmm", "did you mean 'mm'?"), ("bar", ""), ("counts", "")],
-)
-def test_only_a_unit_that_nobody_uses_is_doubted(unit: str, said: str) -> None:
+    [("brr", "did you mean 'bar'?"), ("mmm", "did you mean 'mm'?"), ("bar", ""), ("counts", ""),
+     ("Grad", "('deg') or gon ('gon')")],
+)  # fmt: skip
+def test_only_a_unit_that_nobody_uses_or_that_is_not_clear_is_doubted(unit: str, said: str) -> None:
     assert unit_doubt(unit).endswith(said)
     assert bool(unit_doubt(unit)) is bool(said)
 

@@ -11,15 +11,18 @@ from .show import echo, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
+    from fluidact_fit.logs import Log
 
 _BESIDE = 45  # characters of a table before its last column
 
 
-def echo_advice(advice: Sequence[Suggestion], *, choice: bool = False) -> None:
-    """Print which families fit, what they do not determine, and what to run.
+def echo_advice(advice: Sequence[Suggestion], log: Log, *, choice: bool = False) -> None:
+    """Print which families fit a log, what they do not determine, and what to run.
 
     ``choice`` says that a person is asked for one of all commands, by its number.
     """
+    from fluidact_fit.advice import unit_lines
+
     echo()
     if not advice:
         echo_text(
@@ -27,6 +30,8 @@ def echo_advice(advice: Sequence[Suggestion], *, choice: bool = False) -> None:
             "what they are with --column ROLE=#N and --unit ROLE=UNIT (FAMILY --help lists roles).",
             "",
         )
+        for line in unit_lines(log):
+            echo_text(line, "    ", "  ")
         return
     whole = [s for s in advice if not s.candidates]
     incomplete = [s for s in advice if s.candidates]

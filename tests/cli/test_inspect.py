@@ -220,3 +220,15 @@ def test_a_second_picture_that_is_there_is_told_before_any_work(here: Run, insid
     done = here("inspect", LINE, "--plot", "p.png")
     assert (done.status, done.out) == (2, "")
     assert (inside / "p-responses.png").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("command", ["inspect", "fit"])
+def test_where_no_family_fits_every_unit_is_said_as_it_is_read(
+    here: Run, inside: Path, command: str
+) -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    columns = [t, np.sin(20.0 * t), np.cos(20.0 * t)]
+    log = table(inside / "log.csv", columns, "time (s),force (lb),angle (Grad)")
+    done = here(command, log)
+    assert "#2: 'lb' is a mass" in done.out + done.err
+    assert "#3: unit 'Grad' is not clear: it may be degrees" in done.out + done.err

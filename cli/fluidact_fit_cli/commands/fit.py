@@ -98,6 +98,8 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
     NotIdentifiedError, LogError
         Where nothing is possible: because no family can be determined, or for another reason.
     """
+    from fluidact_fit.advice import unit_lines
+
     if found and found[0].asked and not (found[0].unsure or found[0].candidates):
         raise UsageError(
             f"{found[0].family} has a role for these columns, and needs a number that no log "
@@ -119,13 +121,13 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
             "no family fits these logs as they are.",
             expected=f"What was tried:\n{reasons}" if found else
             "\n".join(["Expected columns whose units or names tell what they are.",
-                       *_unknown_units(log)]),
+                       *unit_lines(log)]),
             remedy="Run the family with --column, --unit and what it asks for; inspect shows the "
             "columns.",
         )  # fmt: skip
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty()):
         raise _open_question(able, log)
-    echo_advice(able, choice=True)
+    echo_advice(able, log, choice=True)
     number = click.prompt("Which family, by number", type=click.IntRange(1, len(able)), default=1,
                           err=True)  # fmt: skip
     return able[number - 1]
@@ -133,6 +135,7 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
 
 def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
     """What a person has to decide, with the commands to choose from."""
+    from fluidact_fit.advice import unit_lines
     from fluidact_fit.logs.columns import time_candidate
 
     what, remedy = "these logs can be read in more than one way.", "Run the intended command."
@@ -145,14 +148,6 @@ def _open_question(able: Sequence[Suggestion], log: Log) -> UsageError:
         remedy = "Run it if it is meant."
         if time_candidate(log) is None and log.sample_time is None:
             remedy += " --sample-time SECONDS lets families in time be tried."
-    unknown = "".join(f"\n{doubt}" for doubt in _unknown_units(log))
+    unknown = "".join(f"\n{line}" for line in unit_lines(log, doubtful=True))
     commands = "\n".join(f"  {s.command}" for s in able)
     return UsageError(what, expected=commands, remedy=f"{remedy}{unknown}")
-
-
-def _unknown_units(log: Log) -> list[str]:
-    """Say which columns have a unit that is not known."""
-    from fluidact_fit.units import unit_doubt
-
-    doubts = ((c.index, unit_doubt(c.unit)) for c in log.columns if c.unit)
-    return [f"#{number}: {doubt}" for number, doubt in doubts if doubt]

@@ -100,7 +100,7 @@ def command(
     if as_json:
         echo_json(Inspection(tuple(every), tuple(advice)).to_dict())
     elif shown:
-        echo_advice(advice)
+        echo_advice(advice, read[0])
     if plot is not None:
         pictures = _pictures(read, advice, plot)
         write_all(pictures, force)

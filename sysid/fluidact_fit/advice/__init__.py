@@ -10,3 +10,4 @@ from .search import suggest as suggest
 from .suggestion import Suggestion as Suggestion
 from .suggestion import is_clear as is_clear
 from .trial import views_of as views_of
+from .undecided import unit_lines as unit_lines

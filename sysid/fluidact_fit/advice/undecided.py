@@ -13,6 +13,7 @@ from ..families import get_family
 from ..logs import Log
 from ..logs.log import Column, name_columns
 from ..specification import Role, Variant
+from ..units import dimension_name, unit_doubt
 from .assignment import (
     MEASURED,
     UNKNOWN,
@@ -25,6 +26,16 @@ from .assignment import (
 from .suggestion import Suggestion
 
 _CLEARLY = 0.75  # of the score, by which a column suits a role better than the others do
+
+
+def unit_lines(log: Log, *, doubtful: bool = False) -> Iterator[str]:
+    """Say what the unit of every column is read as; of ``doubtful`` ones only, where wanted."""
+    for column in log.columns:
+        doubt = unit_doubt(column.unit) if column.unit else ""
+        if doubt:
+            yield f"#{column.index}: {doubt}"
+        elif column.unit and not doubtful:
+            yield f"#{column.index}: '{column.unit}' is {dimension_name(column.unit)}"
 
 
 def lacking_one(

@@ -117,8 +117,10 @@ def conversion_factor(
 def unit_doubt(unit: str) -> str:
     """Say that a unit is not read, whatever its quantity, with the nearest one; else nothing."""
     found = read_unit(unit)
-    if not found.fault or found.means_unit:
+    if not found.fault:
         return ""
+    if found.means_unit:
+        return f"unit {_shown(unit)} {found.fault.rstrip('.')}"
     likely = closest(unit, TABLE)
     return f"unit {_shown(unit)} is not known" + (f": did you mean '{likely}'?" if likely else "")
 
