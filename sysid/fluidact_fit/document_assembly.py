@@ -137,7 +137,7 @@ def make_parameter_document(
             "matrix": np.asarray(solution.covariance).tolist(),
         },
         "model": model,
-        "validity": _validity(variant, fitted),
+        "validity": _validity(variant, fitted) | _computed(solution),
         "fit": round_numbers(
             {
                 "samples": overall.samples,
@@ -217,6 +217,14 @@ def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
             f"nothing to this fit: {some}.",
         )
     ]
+
+
+def _computed(solution: Solution[FamilyOptions]) -> dict[str, Any]:
+    """Range of what was computed from the logs over the samples that were used."""
+    return {
+        name: {"low": float(f"{low:.6g}"), "high": float(f"{high:.6g}"), "unit": unit}
+        for name, (low, high, unit) in solution.covered.items()
+    }
 
 
 def _validity(variant: Variant, fitted: Sequence[Simulation]) -> dict[str, Any]:

@@ -798,3 +798,29 @@ def test_pressures_that_move_a_measured_load() -> None:
         ff.fit_cylinder_friction(
             {n: log[n] for n in ("time", "velocity", "force")}, pressures="drive"
         )
+
+
+def test_strokes_ordered_by_speed_are_no_machine_that_changes(tmp_path: Path) -> None:
+    """Noise of a slope weighs most in slow strokes: in the first ones here, all of one machine."""
+    rng = np.random.default_rng(8)
+    pieces = []
+    for speed in (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18):
+        count = round(min(0.12 / speed, 2.0) / 0.002)
+        for way in (1.0, -1.0):
+            pieces += [np.full(count, way * speed), np.zeros(100)]
+    v = np.concatenate(pieces)
+    x = 0.05 + np.concatenate(([0.0], np.cumsum(v[:-1] * 0.002)))
+    force = np.where(v > 0.0, 185.0, np.where(v < 0.0, -185.0, 0.0)) + 870.0 * v
+    log = tmp_path / "log.csv"
+    noisy = (np.round(x + 1e-5 * rng.standard_normal(v.size), 6),
+             np.round(force + 4.0 * rng.standard_normal(v.size), 2))  # fmt: skip
+    table = np.column_stack((0.002 * np.arange(v.size), *noisy))
+    np.savetxt(log, table, delimiter=",", header="time [s],position [m],force [N]", comments="",
+               fmt="%.8g")  # fmt: skip
+    result = ff.fit("cylinder-friction", log)
+    assert result.verdict == "pass", result.notices
+    viscous = result.parameters["viscous"]
+    assert abs(viscous.value - 870.0) < 4.0 * viscous.std_error
+    covered = result.validity["velocity"]  # computed from the position, and what a machine may do
+    assert covered.low == pytest.approx(-0.18, rel=0.02)
+    assert covered.high == pytest.approx(0.18, rel=0.02)

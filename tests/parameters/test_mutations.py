@@ -165,10 +165,10 @@ def test_a_header_that_is_no_column_is_not_followed(header: str, logs: Any) -> N
         simulate_logs(one, [ff.read_log(p) for p in logs("valve")])
 
 
-@pytest.mark.parametrize("details", [{}, {"speeds": 1.0}, {"speeds": {"positive": ["x"]}}])
-def test_a_file_without_speeds_designs_no_strokes(details: dict[str, Any]) -> None:
+@pytest.mark.parametrize("details", [{}, {"force_noise": "x"}])
+def test_a_file_without_noise_designs_no_strokes(details: dict[str, Any]) -> None:
     text = spoilt("cylinder-friction", "fit/details", details)
-    with pytest.raises(FluidactError, match="does not say how fast"):
+    with pytest.raises(FluidactError, match="does not say how much noise"):
         design(parse_document(text, get_family))
 
 

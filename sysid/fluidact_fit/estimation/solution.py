@@ -133,6 +133,9 @@ class Solution(Generic[ReadT]):
         Numbers computed from the parameters, with their own uncertainty.
     notices
         Warnings.
+    covered
+        Ranges, over the samples that were used, of what no log recorded and the family computed
+        from it: lowest, highest and unit, by name.
     details
         Anything else worth keeping in the file under ``fit`` (method, starts, filter). Tables
         under ``comparisons``, rows by title, are shown by the report.
@@ -148,6 +151,7 @@ class Solution(Generic[ReadT]):
     residuals_are_fitted: bool
     derived: Mapping[str, Quantity] = field(default_factory=dict)
     notices: Sequence[Notice] = ()
+    covered: Mapping[str, tuple[float, float, str]] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -185,6 +189,7 @@ def make_solution(
     simulate_instruments: Simulate | None = None,
     derived: Mapping[str, Quantity] | None = None,
     notices: Sequence[Notice] = (),
+    covered: Mapping[str, tuple[float, float, str]] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> Solution[OptionsT]:
     """Return the solution with these values, its runs simulated.
@@ -193,7 +198,7 @@ def make_solution(
     ----------
     simulate, experiments
         What simulates the runs, which are those that were fitted.
-    variant, options, parameters, names, noise, simulate_near, derived, notices, details
+    variant, options, parameters, names, noise, simulate_near, derived, notices, covered, details
         As of :class:`Solution`.
     jacobians
         Derivatives of the channels of every run that the estimator has at hand, over all samples
@@ -228,7 +233,7 @@ def make_solution(
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
         variant, parameters, names, runs, noise, options, near, residuals_are_fitted, derived,
-        notices, details or {},
+        notices, covered or {}, details or {},
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ for the family is checked here. Both always run, so that every problem is named.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, product
 from typing import Any
 
@@ -58,7 +58,7 @@ def validate(
     if family and variant:
         check_sizes(document, problems)
         _check_parameters(document, variant, problems)
-        _check_units(document, variant, problems)
+        _check_units(document, family.variants, variant, problems)
         _check_options(document, family, problems)
     if problems.found or checked is None or family is None or variant is None:
         return None
@@ -263,17 +263,24 @@ def _possible_units(
     return known or [spec.unit], not known
 
 
-def _check_units(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
-    """Check what is given per role, and the units of everything else."""
+def _check_units(
+    document: dict[str, Any], variants: Sequence[Variant], variant: Variant, problems: Problems
+) -> None:
+    """Check what is given per role, and the units of everything else.
+
+    What one variant takes from the log another computes from it: both have a range.
+    """
     accepted = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
+    others = {r.name: (r.unit, *r.alternatives) for v in variants for r in v.roles}
+    ranges = {**others, **accepted}
     columns = find_entries(document, "provenance", "logs", "*", "columns", "*")
     for place, _ in chain(find_entries(document, "validity", "*"), columns):
-        known_roles = accepted if place[0] == "validity" else {**accepted, "time": ("s",)}
+        known_roles = ranges if place[0] == "validity" else {**accepted, "time": ("s",)}
         if place[-1] not in known_roles and not problems.many:
             message = f"is not a role of the family{suggest(str(place[-1]), known_roles)}"
             problems.add(place, message)
     for place, unit in find_entries(document, "validity", "*", "unit"):
-        known = accepted.get(str(place[1]), ())
+        known = ranges.get(str(place[1]), ())
         # A role in "1" holds raw readings, in whatever the converter gives: counts or volts.
         if known and known[0] != "1" and unit not in known:
             _check_unit(unit, known[0], place, problems)

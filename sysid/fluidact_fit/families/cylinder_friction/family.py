@@ -57,7 +57,6 @@ from ...family import (
     make_solution,
 )
 from ...mechanics.friction_law import FrictionLaw
-from ...parameters.problems import find_entries
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
 from .fit import SECOND_SPEED, fit_friction
@@ -224,7 +223,8 @@ class CylinderFriction(Family[FrictionOptions]):
         noise = NoiseModel(matrix, fit.solved.independent)
         return make_solution(
             self.simulate, experiments, variant, fit.options, parameters, order, noise,
-            derived=fit.derived(), notices=notices, details=fit_details(fit, counts),
+            derived=fit.derived(), notices=notices, covered=fit.covered,
+            details=fit_details(fit, counts),
         )  # fmt: skip
 
     def simulate(
@@ -268,12 +268,12 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         options = _unpressed(document.settled_options(FrictionOptions))
         details = document.fit.details or {}
-        speeds = [v for _, v in find_entries(details, "speeds", "*", "*")]
+        speed = document.validity.get(axis_of(variant).speed)
         noise: Any = details.get("force_noise")
-        if not all(isinstance(v, float) for v in (noise, *speeds)):
-            return Excitation("none", "the file does not say how fast its logs moved, and with "
-                              "how much noise (fit.details.speeds and force_noise)")  # fmt: skip
-        fast = max(map(abs, speeds), default=0.0)
+        if not isinstance(noise, float):
+            return Excitation("none", "the file does not say how much noise its logs had "
+                              "(fit.details.force_noise)")  # fmt: skip
+        fast = max(-speed.low, speed.high) if speed else 0.0
         if not is_place(motion_role(variant)):  # what noise the filter met, a design has not
             options = replace(options, filter=None)
         return Excitation(

@@ -56,6 +56,14 @@ class Fit:
         """Name of the offset of the drive among the derived numbers."""
         return f"{self.axis.drive}_offset"
 
+    @property
+    def covered(self) -> dict[str, tuple[float, float, str]]:
+        """Range of the speed where it was computed from a place [m/s or rad/s]."""
+        if self.axis.speed in self.data[0].experiment:
+            return {}
+        v = np.concatenate([d.speed for d in self.data])
+        return {self.axis.speed: (float(v.min()), float(v.max()), self.axis.speed_unit)}
+
     def derived(self) -> dict[str, Quantity]:
         """Mean and half difference of the levels, and the offset of the force or torque."""
         known = not any(n in self.solved.refused for n in LEVELS)

@@ -21,7 +21,7 @@ from .filters import (
 )
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
-_QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is small enough
+_QUIET = 0.003  # noise of the filtered speed, as a share of the highest, that is small enough
 SLOW = 0.05  # share of the highest speed below which friction is not that of motion
 _EXPLAINED = 1.2  # times its noise that an acceleration may change when filtered for longer
 _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for the strokes

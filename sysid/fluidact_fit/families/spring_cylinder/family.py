@@ -145,7 +145,7 @@ class SpringCylinder(Family[SpringOptions]):
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
             simulate_instruments=_Nearby(runs, settled, True) if found.instrumented else None,
-            notices=[*fit.notices, *_remarks(fit, variant)],
+            notices=[*fit.notices, *_remarks(fit, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
 
@@ -242,6 +242,14 @@ def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulate
             spike = np.zeros_like(spike)
         out.append(Simulated(force, d.kept & ~spike))
     return out
+
+
+def _covered(runs: Sequence[Run]) -> dict[str, tuple[float, float, str]]:
+    """Range of the velocity where it was computed from positions [m/s]."""
+    if any("velocity" in d.experiment or not d.experiment.time.size for d in runs):
+        return {}
+    v = np.concatenate([d.velocity[d.kept] for d in runs])
+    return {"velocity": (float(v.min()), float(v.max()), "m/s")}
 
 
 @dataclass(frozen=True)
