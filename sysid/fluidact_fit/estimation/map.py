@@ -12,6 +12,8 @@ References
    2009, section 7.10: cross-validation and the one-standard-error rule.
 .. [2] N. Draper, H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 2.1: lack of
    fit and pure error.
+.. [3] G. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares
+   problems whose variables separate", SIAM Journal on Numerical Analysis 10, 1973.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray
 from ..rows import blocks, square_sum
+from .blocks import condense
+from .least_squares import scaled_least_squares
 from .minimise import Minimum, minimise
 from .motion_state import running_median
 from .price import exhausted, simulated
@@ -46,6 +50,10 @@ class MapModel(Protocol):
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest values of the unknowns, shape ``(p,)`` each; may be infinite."""
+
+    @property
+    def linear(self) -> BoolArray:
+        """Unknowns without bounds that the map is a sum of, with its slopes, shape ``(p,)``."""
 
     def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         """The map, shape ``(n,)``."""
@@ -117,6 +125,10 @@ def fit_map(
 ) -> MapFit:
     """Fit a map by weighted least squares from several starts, the best one kept.
 
+    Unknowns in which it is linear are solved for at every step, and only the others searched: what
+    bends a curve and what its control points do are nearly alike, and no step that takes them for
+    straight gets along such a valley [3]_.
+
     Parameters
     ----------
     starts
@@ -126,25 +138,37 @@ def fit_map(
     """
     parts, roots = list(blocks(rows.y.size)), np.sqrt(rows.count)
 
-    def evaluate(theta: FloatArray) -> _Point:
+    linear, (low, high) = model.linear, model.bounds
+    count = int(linear.sum())
+
+    def triangle(theta: FloatArray, residuals: Sequence[FloatArray]) -> FloatArray:
+        """Of the derivatives, by linear unknowns first, and of the residuals."""
+        simulated(rows.y.size)  # all derivatives come together
+        slopes = (model.slopes(theta, rows.x[at]) * roots[at, None] for at in parts)
+        tables = (np.column_stack((j[:, linear], j[:, ~linear], r))
+                  for j, r in zip(slopes, residuals))  # fmt: skip
+        return np.asarray(np.linalg.qr(condense(tables), mode="r"))
+
+    def evaluate(searched: FloatArray) -> _Point:
         simulated(rows.y.size)
+        theta = np.zeros(linear.size)
+        theta[~linear] = searched
+        if count:
+            root = triangle(theta, [roots[at] * rows.y[at] for at in parts])
+            theta[linear] = scaled_least_squares(root[:count, :count], root[:count, -1])
         return _Point(
             theta, [roots[at] * (rows.y[at] - model.value(theta, rows.x[at])) for at in parts]
         )
 
     def normal(point: _Point) -> tuple[FloatArray, FloatArray]:
-        simulated(rows.y.size)  # all derivatives come together
-        gradient, curvature = np.zeros(point.theta.size), np.zeros(2 * point.theta.shape)
-        for at, r in zip(parts, point.residuals):
-            j = model.slopes(point.theta, rows.x[at]) * roots[at, None]
-            gradient = gradient + j.T @ r
-            curvature = curvature + j.T @ j
-        return gradient, curvature
+        left = triangle(point.theta, point.residuals)[count:, count:]
+        j, r = left[:, :-1], left[:, -1]
+        return j.T @ r, j.T @ j
 
     def solve(start: FloatArray) -> Minimum[_Point]:
         return minimise(
-            evaluate, normal, start, model.bounds, rows=rows.y.size, tolerance=tolerance,
-            max_iterations=80,
+            evaluate, normal, start[~linear], (low[~linear], high[~linear]), rows=rows.y.size,
+            tolerance=tolerance, max_iterations=80,
         )  # fmt: skip
 
     found: list[Minimum[_Point]] = []
@@ -152,11 +176,11 @@ def fit_map(
         if not found or not exhausted():
             found.append(solve(start))
     found.sort(key=lambda m: m.point.cost)
-    best, (low, high) = found[0], model.bounds
+    best, theta = found[0], found[0].point.theta
     agreeing = sum(m.point.cost <= best.point.cost * (1.0 + 1e-6) + 1e-300 for m in found)
     return MapFit(
-        model, best.x, (best.x > low) & (best.x < high), best.point.cost, len(found), agreeing,
-        best.iterations, best.converged, [(m.x, m.point.cost) for m in found[agreeing:]],
+        model, theta, (theta > low) & (theta < high), best.point.cost, len(found), agreeing,
+        best.iterations, best.converged, [(m.point.theta, m.point.cost) for m in found[agreeing:]],
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import Array, Experiment, FloatArray, Signal
+from ..experiment import Array, BoolArray, Experiment, FloatArray, Signal
 from ..options import FamilyOptions
 from ..specification import ParameterSpec, Quantity, Request, Simulate, Variant
 from .map import (
@@ -58,6 +58,11 @@ class NamedMap:
         """Limits of the free values."""
         low, high = np.array([self.limits[n] for n in self.names]).reshape(-1, 2).T
         return low, high
+
+    @property
+    def linear(self) -> BoolArray:
+        """None of them is known to be."""
+        return np.zeros(len(self.names), dtype=bool)
 
     def values(self, theta: Array) -> dict[str, Any]:
         """All values by name."""

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.map import MapFit, MapRows
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 from ...rows import blocks
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))  # keeps a curve from bending too sharply
@@ -161,6 +161,12 @@ class BezierModel:
             np.tile(np.concatenate((low, -limit)), self.branches),
             np.tile(np.concatenate((high, limit)), self.branches),
         )
+
+    @cached_property
+    def linear(self) -> BoolArray:
+        """The control points, unless they are kept in order."""
+        own = np.arange(self.unknowns // self.branches) <= self.degree
+        return np.tile(own & (self.direction == 0), self.branches)
 
     @cached_property
     def expansion(self) -> FloatArray:
