@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 from studies.red_team.attack import Attack
 from studies.red_team.attacks import hydraulic_motor, rigs, valve
 from studies.red_team.run import write
@@ -180,3 +181,32 @@ def test_a_machine_that_is_stronger_in_one_direction_is_named(more):
                   for r in variant.roles)  # fmt: skip
     found = find_cause(replace(variant, roles=roles), [run])
     assert bool(found and "times as much to one sign of 'command'" in found.words) == bool(more)
+
+
+def test_a_plateau_that_the_output_has_not_left_yet_is_no_stop():
+    rng = np.random.default_rng(3)
+    u = 4.0 + 2.0 * np.repeat(rng.choice([-1.0, 1.0], 120), 6)
+    y = valve.simulate({"gain": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.9}, u, 0.01)
+    y += 0.01 * rng.standard_normal(u.size)
+    with pytest.raises(ff.NotIdentifiedError) as refused:
+        ff.fit("valve", {"time": 0.01 * np.arange(u.size), "command": u, "outlet": y})
+    assert "stop" not in str(refused.value)
+
+
+def test_smooth_pressures_that_are_swapped_are_named():
+    """Differences of neighbouring samples are noise here; what leads shows over more of them."""
+    t = 0.005 * np.arange(3000)
+
+    def inlet(t):
+        waves = ((14.0, 0.17), (9.0, 0.53), (6.0, 1.3), (5.0, 2.9), (3.0, 6.1), (2.0, 11.3))
+        return 60.0 + sum(a * np.sin(2.0 * np.pi * f * t + f) for a, f in waves)
+
+    rng = np.random.default_rng(5)
+    fine = np.arange(0.0, 15.0, 1e-4)
+    late = lfilter([1.0 - np.exp(-1e-4 / 0.085)], [1.0, -np.exp(-1e-4 / 0.085)],
+                   inlet(fine - 0.0127) - inlet(-0.0127)) + inlet(-0.0127)  # fmt: skip
+    first = inlet(t) + 0.05 * rng.standard_normal(t.size)
+    second = late[::50] + 0.05 * rng.standard_normal(t.size)
+    assert ff.fit("line", {"time": t, "inlet": 1e5 * first, "outlet": 1e5 * second}).verdict
+    with pytest.raises(ff.FluidactError, match="seem to be swapped"):
+        ff.fit("line", {"time": t, "inlet": 1e5 * second, "outlet": 1e5 * first})

@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from studies.red_team.attacks import hydraulic_motor, hydrostatic, line, spring_cylinder
+from studies.red_team.attacks import hydraulic_motor, hydrostatic, line, spring_cylinder, valve
 
 import fluidact_fit as ff
 from attack_finder import find_attack
@@ -167,3 +167,21 @@ def test_the_beginning_of_a_run_has_the_beginnings_of_its_signals() -> None:
     assert dict(part.signals["b"].recorded) == {1: 7.0}
     assert part["c"].tolist() == [3.0]
     assert part.beginning(4) is part
+
+
+@pytest.mark.parametrize("part", [3.0, 0.0])
+def test_a_dead_zone_within_the_range_of_a_valve_is_named(part: float) -> None:
+    """Only the beginning shows it; the gain is 25 % off at 31 standard errors, and nothing moves it.
+
+    Without a dead zone there is nothing to say.
+    """
+    rng = np.random.default_rng(2)
+    u = 4.0 + 2.0 * np.repeat(rng.choice([-1.0, 1.0], 134), 6)[:800]
+    u[:15] = 4.0
+    y = valve.simulate(valve.TRUTH, np.maximum(u - part, 0.0), 0.01)
+    y += valve.TRUTH["gain"] * max(4.0 - part, 0.0) - y[0]
+    y += 0.02 * rng.standard_normal(u.size)
+    found = ff.fit("valve", {"time": 0.01 * np.arange(u.size), "command": u, "outlet": y})
+    said = [n.message for n in found.notices if n.code == "unmodelled-response"]
+    assert len(said) == (part > 0.0)
+    assert found.verdict == ("warn" if part else "pass")

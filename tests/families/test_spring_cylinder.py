@@ -345,3 +345,20 @@ def test_a_late_position_is_named_as_what_viscous_friction_cannot_be_told_from()
     assert float(found.parameters["viscous"].number) > 1.2 * ROD["viscous"]
     (said,) = (n.message for n in found.notices if n.code == "timing-matters")
     assert "were 'position' recorded one sample (5 ms) early or late, viscous would be off" in said
+
+
+def test_a_turn_between_two_samples_is_no_spike() -> None:
+    """The last sample before the command is seen to turn has the friction of the way back."""
+    t = 0.01 * np.arange(4000)
+    phase = (t / 4.0 + 0.001) % 1.0  # turns 4 ms before a sample
+    u = 5.0 * np.minimum(2.0 * phase, 2.0 - 2.0 * phase)
+    way = np.where(phase < 0.5, 1.0, -1.0)
+    x = 0.03 * (0.5 + 0.3 * np.sin(0.58 * t))
+    v = 0.03 * 0.3 * 0.58 * np.cos(0.58 * t)
+    rng = np.random.default_rng(4)
+    y = spring_cylinder.force(spring_cylinder.TRUTH, u, x, v, way) + 0.3 * rng.standard_normal(
+        t.size
+    )
+    found = ff.fit("spring-cylinder", {"time": t, "command": u, "position": x, "force": y})
+    assert not [n for n in found.notices if n.code == "force-spikes"]
+    assert found.verdict == "pass", found.notices

@@ -57,8 +57,9 @@ class Products:
 
     @property
     def finite(self) -> bool:
-        """Return whether all numbers are."""
-        return all(bool(np.isfinite(x).all()) for x in (self.recorded, *self.added))
+        """Return whether all numbers are, and the recording has something of every column."""
+        known = all(bool(np.isfinite(x).all()) for x in (self.recorded, *self.added))
+        return known and bool(np.all(np.diag(self.recorded)[:-1] > 0.0))
 
     @cached_property
     def _left(self) -> tuple[FloatArray, bool]:

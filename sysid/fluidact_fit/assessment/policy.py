@@ -58,6 +58,10 @@ LEAST = _declare(
 LEAST_BY_SHAPE = _declare(
     "least_by_shape",
     5e-3, "the same for the shape of a channel: none is quite straight", _SHAPES)
+CURVED = _declare(
+    "curved",
+    0.02, "part of its range by which an input may depart from a line that has one gain",
+    "tests/assessment/test_shapes.py: a dead zone within the range of a valve")
 PREFER_PARAMETER = _declare(
     "prefer_parameter",
     0.8, "part of the best significance at which a parameter of the family is named instead",
@@ -77,7 +81,7 @@ HELD_MOVES = _declare(
     "tests/assessment/test_examinations.py: a value that nobody knows")
 TIMING_MOVES = _declare(
     "timing_moves",
-    0.1, "part of a parameter that a channel one sample late changes unseen",
+    0.02, "part of a parameter that a channel one sample late changes unseen",
     "tests/families/test_spring_cylinder.py: a late position")
 ANYTHING = _declare(
     "anything", 10.0, "times its value that a parameter could be: anything", "wording")

@@ -37,7 +37,9 @@ def find_cause(variant: Variant, experiments: Sequence[Experiment]) -> Cause | N
 def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     output = variant.output.name
     for role in (r.name for r in variant.driving[:1]):  # what else a model has may act against it
-        if _follows(runs, role, output):
+        pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
+        before = [leads(u, y) for u, y in pairs if u.size == y.size]
+        if _follows(runs, role, output) or (before and not any(x is not False for x in before)):
             yield Cause(
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "
                 "be swapped, and",
@@ -255,7 +257,9 @@ def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, fl
         pushed, count = way * u > np.median(way * u[moving]), 0
         edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
         for first, stop in zip(edges[::2], edges[1::2], strict=True):
-            changes = np.ptp(u[first:stop]) > policy.STOP_INPUT * np.ptp(u)
+            # the last samples may be those that the output has not answered yet
+            answered = u[first : max(stop - _SPEED, first + 1)]
+            changes = np.ptp(answered) > policy.STOP_INPUT * np.ptp(u)
             count += int(stop - first) * bool(
                 changes and pushed[first:stop].mean() > policy.STOP_PUSHED
             )

@@ -60,8 +60,10 @@ def judge_channels(
     table: dict[str, Any] = {}
     missed = []
     for role in dict.fromkeys(role for s in fitted for role in s.also):
-        pairs = [s.others[role] for s in fitted if role in s.also]
-        found = _judge_channel(pairs, len(solution.names))
+        own = [s for s in fitted if role in s.also]
+        pairs = [s.others[role] for s in own]
+        code = max(s.experiment.signals[role].resolution for s in own) / sqrt(12.0)
+        found = _judge_channel(pairs, len(solution.names), code)
         if found is None:
             continue
         table[role] = found
@@ -76,9 +78,12 @@ def judge_channels(
 
 
 def _judge_channel(
-    pairs: Sequence[tuple[FloatArray, FloatArray]], unknowns: int
+    pairs: Sequence[tuple[FloatArray, FloatArray]], unknowns: int, code: float
 ) -> dict[str, Any] | None:
-    """Residual of a channel over all runs, in its unit and in its noise."""
+    """Residual of a channel over all runs, in its unit and in its noise, no less than ``code``.
+
+    At rest the error of a converter lasts, and no difference shows it.
+    """
     error, floor, residuals = 0.0, 0.0, []
     for measured, simulated in pairs:
         used = np.isfinite(measured) & np.isfinite(simulated)
@@ -86,7 +91,7 @@ def _judge_channel(
             continue
         residuals.append((measured - simulated)[used])
         error += float(residuals[-1] @ residuals[-1])
-        floor += float(used.sum()) * _noise(measured[used], residuals[-1]) ** 2
+        floor += float(used.sum()) * max(_noise(measured[used], residuals[-1]), code) ** 2
     if not residuals or floor <= 0.0:
         return None
     samples = sum(r.size for r in residuals)

@@ -80,9 +80,15 @@ class Score:
     @property
     def significant(self) -> bool:
         """Return whether the term is there, and matters."""
-        possible = abs(self.size) <= self.term.most and self.share >= self.term.least
+        possible = abs(self.size) <= self.term.most
         there = abs(self.deviations) > self.needed
-        return possible and there and abs(self.errors) > _needed_move(self.term, self.deviations)
+        return possible and there and (self.moves or abs(self.size) > self.term.enough)
+
+    @property
+    def moves(self) -> bool:
+        """Return whether a parameter would move by more than its interval allows for."""
+        far = abs(self.errors) > _needed_move(self.term, self.deviations)
+        return far and self.share >= self.term.least
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -238,6 +244,9 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> list[Notice]:
 
 def _notice(at: Optimum, s: Score) -> Notice:
     value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
+    if not s.moves:
+        text = "Nothing straight holds over its range; the parameters are those of a mean line."
+        return _missing(s, text)
     share = as_share(s.shift, value)
     off = f"{s.shift:+.3g}{at.unit(s.parameter)}{share}"
     moved = f"would then change by {off}, more than its interval allows for"
@@ -245,9 +254,12 @@ def _notice(at: Optimum, s: Score) -> Notice:
         moved = f"is then off by {off} at the end, more than its interval allows for"
     if not spec.minimum <= value + s.shift <= spec.maximum:
         moved = "would then leave its range: it cannot be trusted"
+    return _missing(s, f"{s.parameter} {moved}.")
+
+
+def _missing(s: Score, consequence: str) -> Notice:
     return Notice(
         "unmodelled-response",
         f"something is missing from the model: the data fit better if {s.term.words(s.size)} "
-        f"({abs(s.deviations):.0f} standard errors). {s.parameter} {moved}. "
-        f"{s.term.advice(s.size)}",
+        f"({abs(s.deviations):.0f} standard errors). {consequence} {s.term.advice(s.size)}",
     )

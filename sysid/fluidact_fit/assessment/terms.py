@@ -90,6 +90,8 @@ class Term:
         Whether the size cannot be negative: it is judged from one side.
     ends
         Least and largest size that can be: no option estimates another.
+    enough
+        Size that matters even where no parameter moves: none holds for what it describes then.
     changes
         Parameter of which it is a change: at either end of a log it is off by half of the size.
     sampled
@@ -108,6 +110,7 @@ class Term:
     positive: bool = False
     ends: tuple[float, float] = (-np.inf, np.inf)
     instruments: Sequence[FloatArray] = ()
+    enough: float = np.inf
     changes: str = ""
     sampled: float = 0.0
 
@@ -427,15 +430,19 @@ def _output_play(at: Optimum, role: str) -> Iterator[Term]:
 
 def _shape(
     at: Optimum, name: str, role: str, words: Callable[[Signal, float], str], remedy: str,
-    columns: Sequence[FloatArray], unit: str = "",
+    columns: Sequence[FloatArray], unit: str = "", *, curved: bool = False,
 ) -> Term:  # fmt: skip
-    """A term of the shape of a channel: no larger than its range, and none is quite straight."""
+    """A term of the shape of a channel: no larger than its range, and none is quite straight.
+
+    One that is ``curved`` beyond a part of its range has no gain that holds over all of it.
+    """
     signal = at.signal(role)
     ends = [(float(e[role].min()), float(e[role].max())) for e in at.experiments if role in e]
     span = max(high for _, high in ends) - min(low for low, _ in ends)
     return Term(
         f"{name} {role}", unit or signal.unit, partial(words, signal), remedy, columns,
         most=1.0 if unit else span, least=policy.LEAST_BY_SHAPE,
+        enough=policy.CURVED * span if curved else np.inf,
     )  # fmt: skip
 
 
@@ -480,7 +487,7 @@ def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
     hats = [c[:, : len(known)] for c in table]
     place = np.asarray(places[known], dtype=float)
     bow = 1.0 - (2.0 * (place - span[0]) / (span[1] - span[0]) - 1.0) ** 2
-    yield _shape(at, "bow of", role, _bowed, _BOW, [c @ bow for c in hats])
+    yield _shape(at, "bow of", role, _bowed, _BOW, [c @ bow for c in hats], curved=True)
     if span[0] < 0.0 < span[1]:
         below = np.minimum(place, 0.0)
         yield _shape(at, "gain below zero of", role, _steeper, _BOW, [c @ below for c in hats], "1")
@@ -494,7 +501,8 @@ def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
     most = int(np.argmax(np.abs(sizes)))
     words = partial(_bent, float(np.sign(sizes[most])), float(place[most]))
     shape = sizes / max(abs(sizes[most]), np.finfo(float).tiny)
-    curve = _shape(at, "characteristic of", role, words, _BOW, [c @ shape for c in hats])
+    columns = [c @ shape for c in hats]
+    curve = _shape(at, "characteristic of", role, words, _BOW, columns, curved=True)
     yield replace(curve, chosen=count)
 
 

@@ -168,7 +168,7 @@ def fit_map(
     def solve(start: FloatArray) -> Minimum[_Point]:
         return minimise(
             evaluate, normal, start[~linear], (low[~linear], high[~linear]), rows=rows.y.size,
-            tolerance=tolerance, max_iterations=80,
+            tolerance=tolerance, max_iterations=120,
         )  # fmt: skip
 
     found: list[Minimum[_Point]] = []

@@ -179,8 +179,9 @@ def _prepare_run(
     noise = found[name].noise if name in found else 0.0
     if noise <= e.signals[role].resolution:
         noise = 0.0  # rounding
-    # where the rod itself turns, the nearest velocities are of both directions
-    beside = REACH + 1 if turns_itself else 0
+    # a turn between two samples may come before the last one; where the rod itself turns, the
+    # nearest velocities are of both directions
+    beside = REACH + 1 if turns_itself else 1
     away = _away_from_reversals(
         _without_itself(moves) if noise else moves, noise, direction, options.settle, beside
     )
@@ -204,7 +205,7 @@ def _away_from_reversals(
     """Samples whose friction has reversed: what moves has come far enough since the reversal.
 
     ``noise`` is the distance from the extreme within which a reversal may have come earlier.
-    Unless ``beside`` is 0, the extreme and ``beside - 1`` samples on either side are left out too.
+    The extreme and ``beside - 1`` samples on either side are left out too.
     """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(moves))
@@ -213,7 +214,7 @@ def _away_from_reversals(
         if begin:  # the record's start is no reversal
             kept[begin:end] &= np.abs(moves[begin:end] - moves[begin]) >= settle * span
         # the dead band notices a reversal late: from the extreme on; a rod's last one perhaps not
-        if end < moves.size or beside:
+        if end < moves.size or beside > 1:
             way = direction[begin] or 1.0
             part = way * moves[begin:end]
             last = int(np.argmax(part))
