@@ -59,6 +59,8 @@ def _echo_assigned(advice: Sequence[Suggestion], choice: bool) -> None:
     if best.asked:
         echo_text(f"fill in what stands in capitals: {', '.join(best.asked)}")
     shown = advice if best.basis or choice else advice[:1]
+    if best.asked and not choice:  # what needs no number is another way
+        shown = [*shown, *(s for s in advice[1:] if s.verdict in ("pass", "warn"))][:2]
     tried = "next, once that is resolved:" if best.verdict == "refused" else "next:"
     echo(tried if len(shown) == 1 else "next, one of:")
     for number, s in enumerate(shown, 1):

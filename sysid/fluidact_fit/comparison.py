@@ -251,17 +251,17 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
     Parameters
     ----------
     files
-        Name and document of each, of one family and variant.
+        Name and document of each, of one family.
 
     Raises
     ------
     UsageError
-        For fewer than two files, and for files of different families or variants.
+        For fewer than two files, and for files of different families or units.
     """
     _require_two(files)
     first_name, first = files[0]
     for name, document in files[1:]:
-        if (document.family, document.variant) != (first.family, first.variant):
+        if document.family != first.family:
             raise UsageError(
                 f"{name} is a file of {_kind(document)}, {first_name} of {_kind(first)}.",
                 remedy="Compare files of one family.",

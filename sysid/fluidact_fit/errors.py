@@ -101,7 +101,7 @@ def closest(word: str, known: Iterable[str]) -> str:
     """Return the known word that is most like another one, empty without one.
 
     The same parts in another order come first (``friction-cylinder``), then a word that was cut
-    short (``--colum``), then a misspelt one.
+    short (``--colum``), then letters in another order (``bra``), then a misspelt one.
     """
     from difflib import get_close_matches  # slow to import, and of the square of the length
 
@@ -110,7 +110,10 @@ def closest(word: str, known: Iterable[str]) -> str:
     short = [k for k in known if len(k) <= _WORD]
     swapped = [k for k in short if _parts(k) == _parts(word)]
     longer = [k for k in short if len(word) > _SHORT_WORD and k.startswith(word)]
-    return next(iter([*swapped, *longer, *get_close_matches(word, short, 1)]), "")
+    letters = sorted(word.lower())
+    mixed = [k for k in short if len(word) > _SHORT_WORD and sorted(k.lower()) == letters]
+    mixed.sort(key=lambda k: k[0] != word[0])
+    return next(iter([*swapped, *longer, *mixed, *get_close_matches(word, short, 1)]), "")
 
 
 def _parts(word: str) -> list[str]:

@@ -30,7 +30,7 @@ class Role:
     ``None`` for all others. ``output`` marks the role that is compared with the model.
     ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
     may be commanded in volts, amperes or as a number. ``gauge`` marks a pressure that the
-    equation counts from the atmosphere.
+    equation counts from the atmosphere. ``opposes`` says that more of it takes from the output.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Role:
     output: bool = False
     alternatives: tuple[str, ...] = ()
     gauge: bool = False
+    opposes: bool = False
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,14 @@ class Variant:
     def driving(self) -> tuple[Role, ...]:
         """Roles that drive the model: those with a hold, but for the output."""
         return tuple(r for r in self.roles if r.hold is not None and not r.output)
+
+    @property
+    def leading(self) -> str:
+        """Role that drives the output and moves along with it; empty where there is none.
+
+        It is the first one: what else drives a model may act against its output.
+        """
+        return next((r.name for r in self.driving[:1] if not r.opposes), "")
 
 
 @dataclass(frozen=True)

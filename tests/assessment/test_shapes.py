@@ -171,7 +171,7 @@ def test_the_beginning_of_a_run_has_the_beginnings_of_its_signals() -> None:
 
 @pytest.mark.parametrize("part", [3.0, 0.0])
 def test_a_dead_zone_within_the_range_of_a_valve_is_named(part: float) -> None:
-    """Only the beginning shows it; the gain is 25 % off at 31 standard errors, and nothing moves it.
+    """Only the beginning shows it, and no parameter moves; the gain is 25 % off at 31 errors.
 
     Without a dead zone there is nothing to say.
     """

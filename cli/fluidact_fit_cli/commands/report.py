@@ -48,8 +48,8 @@ def command(
     from fluidact_fit.report import write_document_html
 
     target = output or str(Path(params_file).with_suffix(".html"))
-    check_targets({"--output": target}, (params_file, *others), force)
     files = [(name, read_document(name, get_family)) for name in (params_file, *others)]
+    check_targets({"--output": target}, (params_file, *others), force)
     comparison = compare_documents(files) if others else None
     write_document_html(files[0][1], target, comparison=comparison, overwrite=force)
     note_written([target])

@@ -97,13 +97,14 @@ def command(
         return
     from fluidact_fit.simulation import to_csv, variant_of
 
-    _check_source(logs, params)
+    document = read_params(params_file, logs)
+    variant = variant_of(document)
+    inputs = [r.name for r in variant.roles if r.name != "time" and not r.output]
+    _check_source(logs, params, inputs[0])
     if output is not None:
         check_targets({"-o": output}, [params_file, *logs], force)
-    document = read_params(params_file, logs)
-    roles = [role.name for role in variant_of(document).roles]
-    check_role_names(params, roles)
-    check_names("--input", "role", params["input"], roles)
+    check_role_names(params, [role.name for role in variant.roles])
+    check_names("--input", "input", params["input"], inputs)
     runs = _with_logs(document, logs, params) if logs else _with_steps(document, params)
     text = to_csv(document, runs)
     if output is None:
@@ -129,13 +130,13 @@ def _show(runs: Sequence[Simulation], unit: str, output: str | None) -> None:
         echo(f"written to {output}")
 
 
-def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
-    """Either a log, or everything that replaces one."""
+def _check_source(logs: Sequence[str], params: Mapping[str, Any], role: str) -> None:
+    """Either a log, or everything that replaces one; ``role`` is an input, for an example."""
     for name in _OF_LOOPS:
         if params[name]:
             option = "--json" if name == "as_json" else f"--{name.replace('_', '-')}"
             raise click.UsageError(f"{option} is about a closed loop: give --controller as well.")
-    example = "for example --input command=0:2@0.1 --duration 1 --sample-time 0.001"
+    example = f"for example --input {role}=0:2@0.1 --duration 1 --sample-time 0.001"
     if logs and (params["input"] or params["duration"] is not None):
         raise click.UsageError(
             "--input and --duration replace a LOG; give one or the other. Give a role that the log "

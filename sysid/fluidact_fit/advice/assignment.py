@@ -102,13 +102,13 @@ def _assign(
             total += score_of(log, role, best)
     unused = [c for c in columns if c not in taken.values() and c.unit]
     taken, unsure = _in_order(log, variant, taken)
-    ends = [(r.name, variant.output.name) for r in variant.driving if variant.output.name in taken]
-    against = [(r, o) for r, o in ends
-               if r in taken and direction(taken[r].values, taken[o].values) < 0]  # fmt: skip
+    pair, against = (variant.leading, variant.output.name), False
+    if set(pair) <= set(taken):
+        against = direction(*(taken[r].values for r in pair)) < 0
     return Suggestion(
         family, variant.name, {r: f"#{c.index}" for r, c in taken.items()},
         total / len(taken) + _USED * len(taken) / (len(taken) + len(unused)), unsure,
-        against=tuple(against), asked=tuple(_rated_values(log, required, taken)),
+        against=(pair,) if against else (), asked=tuple(_rated_values(log, required, taken)),
     )  # fmt: skip
 
 

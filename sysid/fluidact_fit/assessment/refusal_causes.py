@@ -36,7 +36,7 @@ def find_cause(variant: Variant, experiments: Sequence[Experiment]) -> Cause | N
 
 def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     output = variant.output.name
-    for role in (r.name for r in variant.driving[:1]):  # what else a model has may act against it
+    if role := variant.leading:
         pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
         before = [leads(u, y) for u, y in pairs if u.size == y.size]
         if _follows(runs, role, output) or (before and not any(x is not False for x in before)):

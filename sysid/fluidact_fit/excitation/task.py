@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -242,9 +243,9 @@ class Task:
             predicted = finite_or_none(error)
             ratio = predicted / u.present if predicted is not None and u.present else None
             present, stated = u.interval(u.present), self.document.parameters[u.spec.name].ci95
-            if u.index is None and u.present is not None and stated is not None:
-                low, high = np.array(stated).tolist()
-                present = low, high
+            if u.present is not None and stated is not None:
+                ends: Any = stated if u.index is None else stated[u.index]
+                present = float(ends[0]), float(ends[1])
             out.append(Forecast(u.name, u.unit, u.value, u.present, predicted, ratio, present,
                                 u.interval(predicted), u.supposed))  # fmt: skip
         return tuple(out)

@@ -112,12 +112,20 @@ def gathered(blocks: Iterator[bytes], budget: Budget) -> bytes:
 
 
 def _damaged(error: Exception, name: str) -> LogError:
+    if name.lower().endswith(_WORKBOOKS):
+        return LogError(
+            "this is no workbook, whatever its name says, or a damaged one.",
+            where=name,
+            remedy="Open it in the program that wrote it, and export the table as CSV.",
+        )
     return LogError(
         f"the archive is damaged ({str(error)[:200] or type(error).__name__}).",
         where=name,
         remedy="Check the archive, or give the log unpacked.",
     )
 
+
+_WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 
 _DECODERS: dict[str, Callable[[], Any]] = {
     "gzip": lambda: zlib.decompressobj(wbits=31),

@@ -125,8 +125,9 @@ _DRIVING = Role(
 )
 # with a hold, --step can stand for a pressure of which only the levels are known
 _OTHER = Role(
-    "pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto", gauge=True
-)
+    "pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto", gauge=True,
+    opposes=True,
+)  # fmt: skip
 
 
 def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:

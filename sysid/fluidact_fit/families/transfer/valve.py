@@ -128,7 +128,9 @@ class Valve(TransferFamily[ValveOptions]):
             Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
         ]
         if request.options.zero == "estimate" or "zero_time_constant" in request.fixed:
-            searched.append(Searched("zero_time_constant", step, (-span, span), sensible=span))
+            # near zero it and the dead time change the output alike: it is the one to be given up
+            sensible = 0.2 * span
+            searched.append(Searched("zero_time_constant", step, (-span, span), sensible=sensible))
         return Plan(
             searched,
             lag=lambda at: 2.0 / at["natural_frequency"],
