@@ -52,6 +52,12 @@ class LogCheck:
     within: bool
     spread: float = 0.0
 
+    @property
+    def tells(self) -> bool:
+        """Return whether the output moves by more than any model may miss it by."""
+        left = 1.0 - self.fit_percent / 100.0
+        return left <= 0.0 or self.rmse > left * self.limit
+
 
 @dataclass(frozen=True)
 class Drift:
@@ -129,7 +135,8 @@ class Check:
         if not self.fits:
             return "the model no longer fits"
         percents = [log.fit_percent for log in self.logs if log.fit_percent is not None]
-        if not self.drifts and percents and max(percents) < FIT_WEAK:
+        weak = not self.drifts and percents and max(percents) < FIT_WEAK
+        if weak or not any(log.tells for log in self.logs):
             return "these logs do not contradict the model, and show too little to confirm it"
         return "the model still fits"
 

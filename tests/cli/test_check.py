@@ -260,3 +260,16 @@ def test_a_log_in_which_nothing_happens_confirms_nothing(
     assert done.status == 0
     assert "too little to confirm it" in done.out
     assert "still fits" not in done.out
+
+
+def test_a_log_below_the_noise_of_the_file_confirms_nothing(here: Run, inside: Path) -> None:
+    """In bar without a unit in its header it is taken for pascals, and the model "still fits"."""
+    datasets = Path(__file__).parents[2] / "datasets" / "line"
+    done = here("fit", datasets / "trial1.csv", "-o", "line.yaml")
+    assert done.status == 0, done.err
+    lines = (datasets / "trial2.csv").read_text(encoding="utf-8").splitlines()
+    Path("plain.csv").write_text("\n".join(["t (ms),a,b", *lines[1:]]) + "\n", encoding="utf-8")
+    done = here("check", "line.yaml", "plain.csv", "--column", "inlet=a", "--column", "outlet=b")
+    assert "show too little to confirm it" in done.out + done.err
+    done = here("check", "line.yaml", datasets / "trial2.csv")
+    assert "the model still fits" in done.out + done.err

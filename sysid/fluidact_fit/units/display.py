@@ -13,6 +13,7 @@ from .conversion import conversion_factor
 from .spelling import normalise_unit, split_reference
 
 _LEAST, _BELOW = 0.1, 1e4  # sizes that need no other unit
+_LEAST_RECORDED = 0.01  # size from which a unit of the log is kept, as other numbers are in it
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
 _LARGE = ("N", "Pa", "W", "J", "Hz")  # units whose multiples are in use
 # A unit at the beginning of an expression that may take a prefix: not one that is raised.
@@ -53,7 +54,8 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
         Its magnitude [si_unit].
     recorded
         Units of the columns of the log. One that measures the same is taken, or the ratio of two
-        (``bar/V``), unless the number would be below 0.1 or reach 10,000.
+        (``bar/V``), unless the number would be below 0.01 or reach 10,000. Seconds are no choice
+        of the log: times are in s, ms or µs by their size.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
     if si_unit in ("", "1") or not isfinite(size):
         return own
     for candidate in _recorded(si_unit, recorded):
-        if size == 0.0 or _LEAST <= size * candidate.factor < _BELOW:
+        if size == 0.0 or _LEAST_RECORDED <= size * candidate.factor < _BELOW:
             return candidate
     for smallest, factor, unit in _USUAL.get(si_unit, ()):
         if size >= smallest and size > 0.0:
@@ -90,7 +92,7 @@ def _recorded(si_unit: str, recorded: Sequence[str]) -> list[DisplayUnit]:
     units = [unit for unit in dict.fromkeys(plain) if unit not in ("", "1") and "%" not in unit]
     ratios = [f"{a}/({b})" if "/" in b else f"{a}/{b}" for a, b in permutations(units, 2)]
     found = []
-    for unit in (*units, *ratios):
+    for unit in (*(u for u in units if u != "s"), *ratios):
         try:
             found.append(DisplayUnit(unit, 1.0 / conversion_factor(unit, si_unit)))
         except UnitError:
