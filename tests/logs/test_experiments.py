@@ -267,7 +267,7 @@ def test_unusable_optional_time_is_dropped_with_a_notice(tmp_path: Path) -> None
 
 @settings(max_examples=80, deadline=None)
 @given(
-    step=st.sampled_from([0.001, 0.002, 0.01, 1 / 3, 0.0123, 7.0]),
+    step=st.sampled_from([0.001, 0.0015, 0.002, 0.01, 1 / 3, 0.0123, 7.0]),
     start=st.sampled_from([0.0, 1000.0, -2.5]),
     digits=st.integers(3, 9),
     truncated=st.booleans(),
@@ -279,7 +279,7 @@ def test_printed_grids_are_found(step: float, start: float, digits: int, truncat
     power = 10.0**digits
     printed = np.floor(exact * power + 1e-6) if truncated else np.round(exact * power)
     printed = printed / power
-    if step < 2 * 10.0**-digits:
+    if 0.75 * step < 10.0**-digits:
         return
     found = make_run(np.arange(400), printed, print_resolution(printed), 1.0)
     assert found.uniform

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -138,3 +140,14 @@ def test_rows_that_stand_twice_in_a_run_are_named(timed: bool) -> None:
     assert "rows 71 to 130 hold the same readings as rows 11 to 70" in said
     assert found.verdict != "pass"
     assert "rows-repeated" not in {n.code for n in ff.fit("cylinder-friction", whole).notices}
+
+
+def test_lines_that_stand_twice_with_their_time_are_to_be_removed(tmp_path: Path) -> None:
+    """Another sample time was the remedy, which stretches the time."""
+    rng = np.random.default_rng(1)
+    rows = [f"{0.01 * k:.2f},{a:.4f},{b:.4f}" for k, (a, b) in enumerate(rng.normal(size=(60, 2)))]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["time [s],command [V],outlet [Pa]", *rows[:21], *rows[20:]]) + "\n")
+    with pytest.raises(ff.LogError, match="repeat the line before in every column") as refused:
+        ff.fit("valve", log)
+    assert "sample_time" not in str(refused.value)

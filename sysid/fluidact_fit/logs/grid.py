@@ -12,6 +12,7 @@ from ..rows import blocks, evenly
 from .log import IntArray
 
 _UNIFORM = 1e-6
+_PRINTED = 0.75  # of a step, that the last printed digit of stamps on a grid may be
 _MANY = 200_000  # stamps, of which the first show how far apart they were printed
 
 
@@ -108,8 +109,12 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
         tolerance = _UNIFORM * step + noise
         if max(high, -low) <= tolerance:
             return float(stamps[0]), step
-        # With two samples per printed digit a grid looks the same as jitter.
-        if resolution and resolution <= 0.5 * step and high - low <= 1.001 * resolution + tolerance:
+        # With a sample per printed digit a grid looks the same as jitter.
+        if (
+            resolution
+            and resolution <= _PRINTED * step
+            and high - low <= 1.001 * resolution + tolerance
+        ):
             half = 0.5 * resolution + tolerance
             shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
             return float(stamps[0]) + shift, step

@@ -228,13 +228,24 @@ class _Repair:
         )
         if resolution <= 0 or not coarse or tied.size >= 0.9 * total:
             more = f" ({tied.size} such lines)" if tied.size > 1 else ""
-            raise self.refusal(f"the time is the same as on the line before{more}.", tied[0])
+            raise self.refusal(
+                f"the time is the same as on the line before{more}.", tied[0],
+                remedy="They repeat the line before in every column: remove them."
+                if self._repeat(tied) else "",
+            )  # fmt: skip
         self.notice(
             "time-ties",
             f": {count_of(tied.size, 'sample')} with the same printed time as the one "
             f"before ({self.name_lines(tied)}); spread within the last printed digit.",
         )
         return [_Part(p.rows, _spread(p.stamps, resolution)) for p in parts]
+
+    def _repeat(self, rows: IndexArray) -> bool:
+        """Return whether rows are the ones before them over again; not written anew by a clock."""
+        return all(
+            np.array_equal(c.values[rows], c.values[rows - 1], equal_nan=True)
+            for c in self.log.columns
+        )
 
     def leave_out_short(self, parts: list[_Part]) -> list[_Part]:
         """Leave out runs too short to be one, unless the log is a single run."""
