@@ -39,7 +39,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     if role := variant.leading:
         pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
         before = [leads(u, y) for u, y in pairs if u.size == y.size]
-        if _follows(runs, role, output) or (before and not any(x is not False for x in before)):
+        if _follows(runs, role, output) or (before and all(x is False for x in before)):
             yield Cause(
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "
                 "be swapped, and",
