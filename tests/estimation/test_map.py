@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -30,13 +30,14 @@ class Exponential:
     """``a exp(b x)``, ``b`` not positive."""
 
     bounds: tuple[FloatArray, FloatArray] = (np.full(2, -np.inf), np.array([np.inf, 0.0]))
+    linear: BoolArray = field(default_factory=lambda: np.array([True, False]))
 
     def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         return np.asarray(theta[0] * np.exp(theta[1] * x[:, 0]))
 
     def slopes(self, theta: FloatArray, x: FloatArray) -> FloatArray:
-        y = self.value(theta, x)
-        return np.column_stack((y / theta[0], y * x[:, 0]))
+        one = np.exp(theta[1] * x[:, 0])
+        return np.column_stack((one, theta[0] * one * x[:, 0]))
 
 
 def rows_of(rate: float, noise: float, n: int = 200, seed: int = 0) -> MapRows:
