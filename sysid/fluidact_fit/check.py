@@ -264,7 +264,7 @@ def check_logs(
             drifts = _compare(document, before, refitted)
             notices += _partly_compared(refitted.held, logs)
         except NotIdentifiedError as error:
-            text = " ".join(error.text.split())
+            text = " ".join(f"{error.what} {error.remedy}".split())
             message = f"only the simulation was compared, not the parameters: {text}"
             notices.append(Notice("not-compared", message))
     checks = tuple(_check_log(document, s, variant) for s in simulations)
