@@ -70,6 +70,11 @@ _READING = {
         "twelve hours; it was continued.",
         "Nothing, if the recording went on; record in UTC to avoid it.",
     ),
+    "columns-exchanged": _warning(
+        "What was taken for raw readings is in the unit of a quantity, and what they are compared "
+        "with is a plain number.",
+        "Exchange the two columns, or name the unit of the second with `--unit ROLE=UNIT`.",
+    ),
     "comments-left-out": _information(
         "Comments that stand beside samples were left out.",
         "Nothing; they are no part of what was measured.",

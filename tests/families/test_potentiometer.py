@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import fluidact_fit as ff
 from fluidact_fit import rows
 from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.map import MapRows, fit_map
@@ -672,3 +673,18 @@ def test_the_search_ends_at_the_best_curve() -> None:
     )  # fmt: skip
     assert found.converged
     assert found.cost <= 2.0 * best.cost * (1.0 + 1e-6)
+
+
+def test_readings_and_reference_that_are_exchanged_are_warned_of(tmp_path: Path) -> None:
+    """The curve of millimetres over digits passed without a word."""
+    rng = np.random.default_rng(1)
+    place = np.linspace(0.0, 150.0, 200)
+    code = np.round(4095.0 * (0.04 + 0.9 * place / 150.0) + rng.standard_normal(200))
+    log = tmp_path / "log.csv"
+    rows = [f"{x:.3f},{c:.0f}" for x, c in zip(place, code)]
+    log.write_text("\n".join(["s [mm],adc [digit]", *rows]) + "\n", encoding="utf-8")
+    for reading, reference in (("s", "adc"), ("adc", "s")):
+        columns = {"reading": reading, "reference": reference}
+        found = ff.fit("potentiometer", log, columns=columns)
+        told = [n for n in found.notices if n.code == "columns-exchanged"]
+        assert bool(told) == (reading == "s")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -451,6 +451,27 @@ def assumed_notice(log: Log, bindings: Iterable[Binding]) -> Iterator[Notice]:
             f"{log.name}: no unit was found, and one was assumed: {texts}. "
             f"If it is another one, give {options}.",
         )
+
+
+def exchanged_notice(log: Log, roles: Iterable[Role], bound: Mapping[str, Binding]) -> list[Notice]:
+    """Warn of raw readings in a quantity that the output would be in, and the output in none."""
+    first = next(
+        (r.name for r in roles if (r.unit, *r.alternatives) == ("1",) and r.name in bound), ""
+    )
+    output = next((r for r in roles if r.output and r.name in bound), None)
+    if not first or output is None or not same_dimension(bound[output.name].unit, "1"):
+        return []
+    reading, other = bound[first], bound[output.name].column
+    quantities = [u for u in (output.unit, *output.alternatives) if u != "1"]
+    if not any(same_dimension(reading.unit, u) for u in quantities):
+        return []
+    return [Notice(
+        "columns-exchanged",
+        f"{log.name}: '{reading.column.label}' is in {reading.unit} and was taken for the raw "
+        f"'{first}', and '{other.label}', a plain number, for '{output.name}': are the two "
+        f"exchanged? Give --column {first}=#{other.index} --column "
+        f"{output.name}=#{reading.column.index} then.",
+    )]  # fmt: skip
 
 
 def _why(binding: Binding) -> str:

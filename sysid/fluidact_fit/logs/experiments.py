@@ -21,6 +21,7 @@ from .columns import (
     bind_role,
     bind_roles,
     check_roles,
+    exchanged_notice,
     in_unit,
     missing_roles,
     require_roles,
@@ -85,6 +86,7 @@ def experiments(
     runs = _find_runs(log, variant, bindings, notices)
     _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
+    notices += exchanged_notice(log, variant.roles, bindings)
     notices += overridden_notice(log, bindings)
     notices += absolute_notice(log, bindings.values())
     written, turned = bindings, settle_turns(log, bindings, runs)
