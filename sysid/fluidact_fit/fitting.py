@@ -450,9 +450,7 @@ def _solve(
                 error.what, where=error.where, expected=error.expected, remedy=remedy, option=option
             ) from error
         raise type(error)(
-            # how else a fit could be had is no advice beside what is wrong with the log
-            " ".join([*(c.words for c in causes), error.what.partition(". ")[0].rstrip(".") + "."]),
-            where=error.where,
+            " ".join([*(c.words for c in causes), error.what]), where=error.where,
             expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),
         ) from error  # fmt: skip
 

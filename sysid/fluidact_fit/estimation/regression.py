@@ -165,18 +165,27 @@ class Regression:
     instrumented: bool
     speed: float
 
-    def spikes(self, least: float = 0.0) -> int:
-        """Number of samples without weight that are further off than ``least``."""
+    def spikes(self, least: float = 0.0, aside: Sequence[BoolArray] = ()) -> int:
+        """Number of samples without weight that are further off than ``least``, none ``aside``."""
         limit = max(self.limit, least)
-        return int(sum(np.count_nonzero(np.abs(r) > limit) for r in self.residuals))
+        far = [np.abs(r) > limit for r in self.residuals]
+        if aside:
+            far = [f & ~a for f, a in zip(far, aside, strict=True)]
+        return int(sum(map(np.count_nonzero, far)))
 
-    def spike_notice(self, least: float, say: Callable[[float], str], sensor: str) -> Notice | None:
-        """Name samples that no friction explains, if there are any.
+    def spike_notice(
+        self,
+        least: float,
+        say: Callable[[float], str],
+        sensor: str,
+        aside: Sequence[BoolArray] = (),
+    ) -> Notice | None:
+        """Name samples that no friction explains, if there are any but those ``aside`` per run.
 
         A sample of the other direction is off by as much as the levels are apart (``least``), and
         noise with long tails by more than normal noise; neither is a fault of the sensor.
         """
-        count, limit = self.spikes(least), max(self.limit, least)
+        count, limit = self.spikes(least, aside), max(self.limit, least)
         if not count:
             return None
         return Notice(

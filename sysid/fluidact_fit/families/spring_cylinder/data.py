@@ -46,6 +46,12 @@ class Run:
         return law.force(self.drive, self.position, self.direction, self.velocity)
 
     @property
+    def turning(self) -> BoolArray:
+        """Used samples that are the last before a turn, ``(m,)``: it may have come before them."""
+        way = self.direction[self.kept]
+        return np.append(way[1:] != way[:-1], np.zeros(min(way.size, 1), dtype=bool))
+
+    @property
     def instrumented(self) -> Run:
         """The run with the instruments of its noisy columns in their place."""
         columns: dict[str, Any] = {name: i.values for name, i in self.instruments.items()}
@@ -179,9 +185,8 @@ def _prepare_run(
     noise = found[name].noise if name in found else 0.0
     if noise <= e.signals[role].resolution:
         noise = 0.0  # rounding
-    # a turn between two samples may come before the last one; where the rod itself turns, the
-    # nearest velocities are of both directions
-    beside = REACH + 1 if turns_itself else 1
+    # where the rod itself turns, the nearest velocities are of both directions
+    beside = REACH + 1 if turns_itself else 0
     away = _away_from_reversals(
         _without_itself(moves) if noise else moves, noise, direction, options.settle, beside
     )
@@ -205,7 +210,7 @@ def _away_from_reversals(
     """Samples whose friction has reversed: what moves has come far enough since the reversal.
 
     ``noise`` is the distance from the extreme within which a reversal may have come earlier.
-    The extreme and ``beside - 1`` samples on either side are left out too.
+    Unless ``beside`` is 0, the extreme and ``beside - 1`` samples on either side are left out too.
     """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(moves))
@@ -214,7 +219,7 @@ def _away_from_reversals(
         if begin:  # the record's start is no reversal
             kept[begin:end] &= np.abs(moves[begin:end] - moves[begin]) >= settle * span
         # the dead band notices a reversal late: from the extreme on; a rod's last one perhaps not
-        if end < moves.size or beside > 1:
+        if end < moves.size or beside:
             way = direction[begin] or 1.0
             part = way * moves[begin:end]
             last = int(np.argmax(part))

@@ -145,7 +145,7 @@ class SpringCylinder(Family[SpringOptions]):
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
             simulate_instruments=_Nearby(runs, settled, True) if found.instrumented else None,
-            notices=[*fit.notices, *_remarks(fit, variant)], covered=_covered(runs),
+            notices=[*fit.notices, *_remarks(fit, runs, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
 
@@ -304,11 +304,12 @@ def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     }
 
 
-def _remarks(fit: Fit, variant: Variant) -> Iterator[Notice]:
+def _remarks(fit: Fit, runs: Sequence[Run], variant: Variant) -> Iterator[Notice]:
     """Samples without weight, and what the levels are of where no pressure was recorded."""
     found, solved = fit.found, fit.solved
     width = sum(abs(solved.values[n]) for n in LEVELS) + 2.0 * solved.values.get("stribeck", 0.0)
-    spikes = found.spike_notice(width, lambda force: f"{force:.3g} N", "load cell")
+    turning = [d.turning for d in runs]
+    spikes = found.spike_notice(width, lambda force: f"{force:.3g} N", "load cell", turning)
     if spikes:
         yield spikes
     if fit.equal:
