@@ -665,7 +665,7 @@ def test_the_search_ends_at_the_best_curve() -> None:
     t = (x - x.min()) / np.ptp(x)
     y = place + 7e-5 * rng.standard_normal(4000)
     rows, model = MapRows(np.column_stack((t, t)), y, np.ones(4000)), BezierModel(4)
-    found = fit_map(model, rows, model.starts(rows))
+    found = fit_map(model, rows, model.starts(rows), apart=True)
     best = least_squares(
         lambda theta: y - model.value(theta, rows.x), found.theta,
         lambda theta: -model.slopes(theta, rows.x), method="lm", x_scale="jac",

@@ -121,13 +121,14 @@ class _Point:
 
 
 def fit_map(
-    model: MapModel, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5
-) -> MapFit:
+    model: MapModel, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5,
+    *, apart: bool = False,
+) -> MapFit:  # fmt: skip
     """Fit a map by weighted least squares from several starts, the best one kept.
 
-    Unknowns in which it is linear are solved for at every step, and only the others searched: what
-    bends a curve and what its control points do are nearly alike, and no step that takes them for
-    straight gets along such a valley [3]_.
+    Kept ``apart``, unknowns in which it is linear are solved for at every step, and only the others
+    searched: what bends a curve and what its control points do are nearly alike, and joint steps
+    come to an end along such a valley [3]_. Each step takes longer: it is for the last search.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def fit_map(
     """
     parts, roots = list(blocks(rows.y.size)), np.sqrt(rows.count)
 
-    linear, (low, high) = model.linear, model.bounds
+    linear, (low, high) = model.linear & apart, model.bounds
     count = int(linear.sum())
 
     def triangle(theta: FloatArray, residuals: Sequence[FloatArray]) -> FloatArray:
@@ -161,14 +162,21 @@ def fit_map(
         )
 
     def normal(point: _Point) -> tuple[FloatArray, FloatArray]:
-        left = triangle(point.theta, point.residuals)[count:, count:]
-        j, r = left[:, :-1], left[:, -1]
-        return j.T @ r, j.T @ j
+        if count:
+            left = triangle(point.theta, point.residuals)[count:, count:]
+            return left[:, :-1].T @ left[:, -1], left[:, :-1].T @ left[:, :-1]
+        simulated(rows.y.size)
+        gradient, curvature = np.zeros(point.theta.size), np.zeros(2 * point.theta.shape)
+        for at, r in zip(parts, point.residuals):
+            j = model.slopes(point.theta, rows.x[at]) * roots[at, None]
+            gradient = gradient + j.T @ r
+            curvature = curvature + j.T @ j
+        return gradient, curvature
 
     def solve(start: FloatArray) -> Minimum[_Point]:
         return minimise(
             evaluate, normal, start[~linear], (low[~linear], high[~linear]), rows=rows.y.size,
-            tolerance=tolerance, max_iterations=120,
+            tolerance=tolerance, max_iterations=160 if count else 80,
         )  # fmt: skip
 
     found: list[Minimum[_Point]] = []

@@ -152,7 +152,7 @@ def _search_degree(
         scores = [_score(scaled.few, f, folds) for f in ladder]
         degree = smallest_sufficient(scores) + 1
     found = ladder[degree - 1]
-    last = fit_map(found.model, rows, [found.theta])
+    last = fit_map(found.model, rows, [found.theta], apart=True)
     fit = replace(last, tried=found.tried, agreeing=found.agreeing)
     return fit, [(k, float(s.mean())) for k, s in enumerate(scores, start=1)]
 
