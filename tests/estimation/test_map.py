@@ -50,7 +50,9 @@ def test_a_map_is_fitted_and_its_intervals_hold_the_truth() -> None:
     held = 0
     for seed in range(60):
         rows = rows_of(-0.7, 0.05, seed=seed)
-        found = fit_map(Exponential(), rows, [np.array([1.0, -2.0]), np.array([5.0, -0.1])], apart=True)
+        found = fit_map(
+            Exponential(), rows, [np.array([1.0, -2.0]), np.array([5.0, -0.1])], apart=True
+        )
         spread = find_uncertainty([rows.slopes(found)], [rows.residual(found)], None, 0.0, False)
         error = np.sqrt(np.diag(spread.covariance))
         held += int(np.sum(np.abs(found.theta - [3.0, -0.7]) < 1.96 * error))
