@@ -97,7 +97,7 @@ class Check:
 
     def table(self) -> Table:
         """Return the parameters in the file and in the new logs, as a table that shows itself."""
-        head = ("parameter", "file", "now", "both errors", "unit", "std errors", "moved by", "")
+        head = ("parameter", "file", "now", "combined error", "unit", "std errors", "moved by", "")
         rows = tuple(_drift_cells(d, self.recorded_units) for d in self.drifts)
         return Table(head, rows, right=(1, 2, 5, 6), drop=(3,))
 

@@ -102,10 +102,9 @@ def agreement_parts(entry: Fit | LogFit, units: tuple[str, ...]) -> list[str]:
         return ["no sample that the model describes"]
     percent = [] if entry.fit_percent is None else [f"fit {percent_text(entry.fit_percent)}"]
     rmse = format_quantity(entry.rmse.value, entry.rmse.unit, units)
-    count = str(entry.samples or 0)
+    samples = entry.samples or 0
     left = sum(log.left_out or 0 for log in (entry.logs if isinstance(entry, Fit) else [entry]))
-    if left:
-        count += f" of {(entry.samples or 0) + left}"
+    count = f"{samples} of {samples + left}" if left else f"{samples}"
     return [*percent, f"rmse {rmse}", f"{count} samples"]
 
 

@@ -72,9 +72,9 @@ def command(
     from fluidact_fit.control import read_document
     from fluidact_fit.excitation import design as make_design
 
-    if params_file is not None or family in family_names():
+    if params_file is not None:
         check_names("FAMILY", "family", [family], family_names())
-    if params_file is None and family in family_names():
+    elif family in family_names():
         raise UsageError(
             "the parameter file of the present fit is missing.",
             remedy=f"Give `design {family} --from FILE.yaml`, or `design FILE.yaml`.",

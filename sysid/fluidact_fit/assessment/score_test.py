@@ -245,7 +245,9 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> list[Notice]:
 def _notice(at: Optimum, s: Score) -> Notice:
     value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
     if not s.moves:
-        text = "Nothing straight holds over its range; the parameters are those of a mean line."
+        text = (
+            "No straight line holds over its whole range; the parameters are those of a mean one."
+        )
         return _missing(s, text)
     share = as_share(s.shift, value)
     off = f"{s.shift:+.3g}{at.unit(s.parameter)}{share}"

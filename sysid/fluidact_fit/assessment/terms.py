@@ -91,7 +91,7 @@ class Term:
     ends
         Least and largest size that can be: no option estimates another.
     enough
-        Size that matters even where no parameter moves: none holds for what it describes then.
+        Size beyond which the term matters even where it moves no parameter.
     changes
         Parameter of which it is a change: at either end of a log it is off by half of the size.
     sampled

@@ -53,7 +53,7 @@ class MapModel(Protocol):
 
     @property
     def linear(self) -> BoolArray:
-        """Unknowns without bounds that the map is a sum of, with its slopes, shape ``(p,)``."""
+        """Mask of unknowns without bounds in which the map is linear and zero at zero, ``(p,)``."""
 
     def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         """The map, shape ``(n,)``."""
@@ -126,9 +126,9 @@ def fit_map(
 ) -> MapFit:  # fmt: skip
     """Fit a map by weighted least squares from several starts, the best one kept.
 
-    Kept ``apart``, unknowns in which it is linear are solved for at every step, and only the others
-    searched: what bends a curve and what its control points do are nearly alike, and joint steps
-    come to an end along such a valley [3]_. Each step takes longer: it is for the last search.
+    With ``apart`` the unknowns in which it is linear are solved for at every step, and only the
+    others are searched [3]_. Where both change the map nearly alike, joint steps stop half-way
+    along a valley. Each step takes longer, so this is for the last search.
 
     Parameters
     ----------

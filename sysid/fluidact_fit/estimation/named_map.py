@@ -61,7 +61,7 @@ class NamedMap:
 
     @property
     def linear(self) -> BoolArray:
-        """None of them is known to be."""
+        """None of the values: nothing is known of the law."""
         return np.zeros(len(self.names), dtype=bool)
 
     def values(self, theta: Array) -> dict[str, Any]:

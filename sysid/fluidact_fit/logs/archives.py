@@ -17,6 +17,7 @@ from typing import Any
 
 from ..errors import LogError
 
+_WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")  # archives by their format
 _PACKED = {
     b"\x1f\x8b": "gzip",
     b"BZh": "bzip2",
@@ -124,8 +125,6 @@ def _damaged(error: Exception, name: str) -> LogError:
         remedy="Check the archive, or give the log unpacked.",
     )
 
-
-_WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 
 _DECODERS: dict[str, Callable[[], Any]] = {
     "gzip": lambda: zlib.decompressobj(wbits=31),

@@ -468,9 +468,9 @@ def exchanged_notice(log: Log, roles: Iterable[Role], bound: Mapping[str, Bindin
     return [Notice(
         "columns-exchanged",
         f"{log.name}: '{reading.column.label}' is in {reading.unit} and was taken for the raw "
-        f"'{first}', and '{other.label}', a plain number, for '{output.name}': are the two "
-        f"exchanged? Give --column {first}=#{other.index} --column "
-        f"{output.name}=#{reading.column.index} then.",
+        f"'{first}', and '{other.label}', a plain number, for '{output.name}'. If the two "
+        f"are exchanged, give --column {first}=#{other.index} --column "
+        f"{output.name}=#{reading.column.index}.",
     )]  # fmt: skip
 
 

@@ -230,7 +230,7 @@ class _Repair:
             more = f" ({tied.size} such lines)" if tied.size > 1 else ""
             raise self.refusal(
                 f"the time is the same as on the line before{more}.", tied[0],
-                remedy="They repeat the line before in every column: remove them."
+                remedy="Such lines repeat the line before in every column: remove them."
                 if self._repeat(tied) else "",
             )  # fmt: skip
         self.notice(
@@ -241,7 +241,7 @@ class _Repair:
         return [_Part(p.rows, _spread(p.stamps, resolution)) for p in parts]
 
     def _repeat(self, rows: IndexArray) -> bool:
-        """Return whether rows are the ones before them over again; not written anew by a clock."""
+        """Return whether rows repeat the ones before them in every column."""
         return all(
             np.array_equal(c.values[rows], c.values[rows - 1], equal_nan=True)
             for c in self.log.columns
