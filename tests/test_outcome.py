@@ -100,3 +100,10 @@ def test_a_failed_fit_begins_with_what_the_logs_show() -> None:
     words = reasons[-1].message
     assert words.startswith("two columns seem to be swapped, and the model misses the output by 90")
     assert words.endswith("Check --column.")
+
+
+def test_a_failed_fit_names_what_was_given_beside_its_cause() -> None:
+    _, reasons = judge(fitted(10.0), [], 2.0, COLOURED, None, "--fix time_constant=85")
+    assert (
+        "these logs contradict --fix time_constant=85 (in SI): try without" in reasons[-1].message
+    )

@@ -118,6 +118,7 @@ def make_parameter_document(
     verdict, reasons = judge(
         overall, notices, details.get("residual_to_noise"), white,
         find_cause(variant, found.experiments) if overall.fit_percent < FIT_POOR else None,
+        request.given,
     )  # fmt: skip
     every = list(dict.fromkeys([*reasons, *notices]))  # what the verdict is about comes first
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time

@@ -441,8 +441,8 @@ def _solve(
             if not isinstance(error, NotIdentifiedError):
                 raise
             remedy, option = error.remedy, ""
-            if given := _given(request):
-                remedy += f"\nOr these logs contradict {given}: try without."
+            if request.given:
+                remedy += f"\nOr these logs contradict {request.given}: try without."
             elif advise and (other := find_other_structure(family, variant, experiments, request)):
                 option = other.option
                 remedy = f"{other.remedy}\nOtherwise: {remedy}"
@@ -453,13 +453,6 @@ def _solve(
             " ".join([*(c.words for c in causes), error.what]), where=error.where,
             expected="Nothing was written.", remedy="\n".join(c.remedy for c in causes),
         ) from error  # fmt: skip
-
-
-def _given(request: Request[FamilyOptions]) -> str:
-    """Values and bounds that the user gave, as options."""
-    fixed = [f"--fix {name}={value:g}" for name, value in request.fixed.items()]
-    bounds = [f"--bounds {n}={low:g}:{high:g}" for n, (low, high) in request.bounds.items()]
-    return " ".join([*fixed, *bounds])
 
 
 def _at_given_bounds(

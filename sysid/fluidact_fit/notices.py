@@ -124,6 +124,11 @@ _READING = {
         "A log could not be read by itself, and was read with the options of the fit.",
         "Nothing; give `--skip-rows`, `--decimal` and the like for another layout.",
     ),
+    "readings-interpolated": _warning(
+        "A measured channel follows straight lines between readings that lie further apart than "
+        "its rows: the log was resampled, or a slower channel brought to its rate.",
+        "Use the log as it was recorded, each channel with its own time.",
+    ),
     "readings-repeated": _warning(
         "A channel that moves repeats its last reading in some rows: it is slower than its log.",
         "Record at the rate of the slowest channel, or each channel with its own time.",

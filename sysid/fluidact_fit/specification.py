@@ -224,6 +224,13 @@ class Request(Generic[ReadT]):
     seed: int = 0
     progress: Callable[[str], None] = lambda message: None
 
+    @property
+    def given(self) -> str:
+        """Values and bounds of the user, as options; they may be what the data contradict."""
+        fixed = [f"--fix {name}={value:g}" for name, value in self.fixed.items()]
+        bounds = [f"--bounds {n}={low:g}:{high:g}" for n, (low, high) in self.bounds.items()]
+        return " ".join([*fixed, *bounds])
+
 
 @dataclass(frozen=True)
 class Structure:

@@ -558,6 +558,13 @@ def test_a_value_that_the_logs_contradict_is_named(here: Run, valve: Log) -> Non
     assert "Or these logs contradict --fix gain=0: try without." in done.err
 
 
+def test_a_value_in_the_wrong_unit_is_named_where_the_fit_fails(here: Run, valve: Log) -> None:
+    """Nothing is refused, but the model describes nothing."""
+    done = here("valve", valve(), "--fix", "natural_frequency=0.085")
+    assert done.status == 4
+    assert "contradict --fix natural_frequency=0.085" in done.err
+
+
 def test_fit_names_a_unit_that_it_does_not_know(here: Run, inside: Path) -> None:
     rng = np.random.default_rng(1)
     table = np.column_stack([np.arange(300) * 0.01, rng.normal(size=300), rng.normal(size=300)])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import fluidact_fit as ff
 from fluidact_fit import LogError
-from fluidact_fit.logs.repeats import rows_per_reading
+from fluidact_fit.logs.repeats import rows_of_a_line, rows_per_reading
 
 STEP = 0.01  # s
 
@@ -151,3 +151,64 @@ def test_lines_that_stand_twice_with_their_time_are_to_be_removed(tmp_path: Path
     with pytest.raises(ff.LogError, match="repeat the line before in every column") as refused:
         ff.fit("valve", log)
     assert "sample_time" not in str(refused.value)
+
+
+def _motion(seed: int, rows: int = 1500) -> np.ndarray:
+    """A smooth motion with noise of an analogue sensor, unit range."""
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.arange(rows)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 3)
+    waves = [np.sin(2.0 * np.pi * f * t + p) for f, p in zip((0.3, 0.9, 2.1), phases, strict=True)]
+    return np.asarray(0.3 * sum(waves) + 3e-3 * rng.standard_normal(rows))
+
+
+@pytest.mark.parametrize("apart", [2.0, 2.5, 3.0, 4.7, 10.0])
+@pytest.mark.parametrize("code", [0.0, 2e-3])
+def test_lines_between_readings_are_seen(apart: float, code: float) -> None:
+    """Printed with five digits; the readings themselves may be codes of a converter."""
+    motion = _motion(1)
+    if code:
+        motion = code * np.round(motion / code)
+    at = np.arange(0.0, motion.size - 1.0, 1.0 / apart)
+    drawn = np.round(np.interp(at, np.arange(motion.size), motion), 5)
+    assert rows_of_a_line(drawn) == pytest.approx(apart, rel=0.15)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 1e-5, 1e-3, 5e-3, 2e-2]))
+@settings(max_examples=60, deadline=None)
+def test_no_lines_are_seen_in_what_was_recorded(seed: int, code: float) -> None:
+    motion = _motion(seed)
+    assert rows_of_a_line(code * np.round(motion / code) if code else motion) == 0.0
+
+
+@pytest.mark.parametrize("wave", ["triangle", "steps", "rest"])
+def test_what_moves_in_lines_itself_is_not_computed(wave: str) -> None:
+    t = np.arange(4000)
+    values = {
+        "triangle": np.abs(t % 400 - 200.0),
+        "steps": np.repeat(np.random.default_rng(0).integers(0, 9, 40), 100).astype(float),
+        "rest": np.zeros(4000),
+    }[wave]
+    assert rows_of_a_line(values) == 0.0
+
+
+def test_an_output_in_lines_is_named_in_the_fit() -> None:
+    """The valve's frequency was 0.5 % off, and only a term that is missing was named."""
+    rng = np.random.default_rng(0)
+    command = np.repeat(rng.uniform(-1.0, 1.0, 30), 50)
+    t = 0.005 * np.arange(command.size)
+    lag = 0.02
+    outlet, level = np.empty(t.size), 0.0
+    for k, u in enumerate(command):
+        outlet[k] = level
+        level = u + (level - u) * np.exp(-0.005 / lag)
+    outlet += 1e-2 * rng.standard_normal(t.size)
+    fine = np.arange(0.0, t[-1], 0.002)
+    log = {
+        "time": fine, "inlet [bar]": np.interp(fine, t, command),
+        "outlet [bar]": np.interp(fine, t, outlet).round(5),
+    }  # fmt: skip
+    result = ff.fit("line", log)
+    (found,) = [n for n in result.notices if n.code == "readings-interpolated"]
+    assert "outlet" in found.message
+    assert "2.5 rows apart" in found.message

@@ -25,17 +25,28 @@ def judge(
     residual_to_noise: float | None = None,
     white: Whiteness | None = None,
     cause: Cause | None = None,
+    given: str = "",
 ) -> tuple[str, list[Notice]]:
     """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices.
 
     A fit fails where it explains less than half of the variance of the output, unless what is left
     is the noise of the output and nothing else: white, and no larger than that noise. ``cause`` is
-    what the logs show that may be why it failed.
+    what the logs show that may be why it failed, ``given`` are options that may be.
     """
-    reasons: list[Notice] = []
-    structured = white is not None and white.p_value < policy.STRUCTURED
     ratio = residual_to_noise or 0.0
+    structured = white is not None and white.p_value < policy.STRUCTURED
     missed = 100.0 - overall.fit_percent
+    misses = f"the model misses the output by {percent_text(missed, '.0f')} of what it moves (RMS)"
+    noise_alone = 0.0 < ratio < policy.NOISE_ALONE and not structured
+    if overall.fit_percent < policy.FIT_POOR and not noise_alone:
+        words = f"{cause.words} {misses}. {cause.remedy}" if cause else (
+            f"{misses}. Check the columns, units and signs, or whether this family describes the "
+            "machine."
+        )  # fmt: skip
+        if given:
+            words += f" Or these logs contradict {given} (in SI): try without."
+        return "fail", [Notice("poor-fit", words)]
+    reasons: list[Notice] = []
     if ratio > policy.TIMES_NOISE and structured and overall.fit_percent < policy.FIT_CLOSE:
         reasons.append(
             Notice(
@@ -47,14 +58,6 @@ def judge(
                 "reversals are friction, mass or a delay.",
             )
         )
-    misses = f"the model misses the output by {percent_text(missed, '.0f')} of what it moves (RMS)"
-    noise_alone = 0.0 < ratio < policy.NOISE_ALONE and not structured
-    if overall.fit_percent < policy.FIT_POOR and not noise_alone:
-        words = f"{cause.words} {misses}. {cause.remedy}" if cause else (
-            f"{misses}. Check the columns, units and signs, or whether this family describes the "
-            "machine."
-        )  # fmt: skip
-        return "fail", [*reasons, Notice("poor-fit", words)]
     if overall.fit_percent < policy.FIT_WEAK:
         remedy = "; look at the picture (--plot) before using the numbers."
         if noise_alone:

@@ -29,7 +29,7 @@ from .columns import (
 from .grid import Run, counted_run, make_run, print_resolution, untimed_run
 from .invalid import require_numbers, without_invalid
 from .log import MIN_RUN, Log, StepInput, check_hold
-from .repeats import check_repeats
+from .repeats import check_lines, check_repeats
 from .selection import select_runs
 from .spikes import replace_spikes
 from .timebase import split_runs
@@ -112,6 +112,7 @@ def experiments(
     notices += check_sampling(log, runs)
     notices += check_signals(log, bindings, found, suspects)
     notices += check_repeats(log, bindings, found)
+    notices += check_lines(log, bindings, found)
     return found, notices
 
 

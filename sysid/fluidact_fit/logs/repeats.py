@@ -1,4 +1,4 @@
-"""Readings that stand twice: in a channel slower than its log, and in two logs of one fit."""
+"""Readings of a channel slower than its log: repeated or drawn out; and rows that stand twice."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..errors import LogError, Notice
 from ..experiment import Experiment, FloatArray, where_changed
 from ..rows import blocks
 from ..specification import Variant
+from .checks import smallest_step
 from .columns import Binding
 from .log import Log
 
@@ -24,6 +25,12 @@ _CHANCE = 3.0  # times the repeats that noise makes
 _ONWARDS = 0.7  # of successive changes in one direction: a motion, not levels set one by one
 _REST = 0.2  # of its steps elsewhere, by which a channel moves that does not rest
 _ALWAYS = 0.98  # of the changes of a signal that repeats every reading
+_PART = 100_000  # rows that tell lines between readings as well as all
+_ROUNDING = 2.1  # steps of a printed number that three on a line may be off it
+_STRAIGHT = 0.25  # of the rows lie on a line between their neighbours, at least
+_BENT = 200  # that do not
+_EVEN = 0.4  # of their rows come in even steps; by chance a quarter
+_LINE = 20.0  # rows of a line; longer ones are of a motion
 _ROWS = 25  # that two records have in common only if one is a copy
 _PROBES = 16  # places of a record that are looked for in another one
 _MOST = 40  # records that are compared with each other
@@ -59,6 +66,48 @@ def check_repeats(
             "what is recorded is late by up to that. Masses, lags and dead times depend on it. "
             "Record at the rate of the slowest channel, or each channel with its own time.",
         )
+
+
+def check_lines(
+    log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
+) -> Iterator[Notice]:
+    """Warn of channels that follow straight lines between readings further apart.
+
+    Rows between two readings were computed: they clip every peak, and their errors are no noise.
+    """
+    for role, binding in bindings.items():
+        # inputs may be commanded in lines, and a hold describes them
+        if role == "time" or binding.role.hold is not None or binding.role.unit in _SET:
+            continue
+        parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size > 0]
+        apart = max((rows_of_a_line(p) for p in parts), default=0.0)
+        if apart == 0.0:
+            continue
+        yield Notice(
+            "readings-interpolated",
+            f"{log.name}: {role} (column '{binding.column.label}') follows straight lines between "
+            f"readings some {apart:.2g} rows apart: the log was resampled, or a slower "
+            "channel brought to its rate. What is between readings was not measured, and peaks are "
+            "cut off: masses, lags and frequencies depend on it. Use the log as it was recorded, "
+            "each channel with its own time.",
+        )
+
+
+def rows_of_a_line(values: FloatArray) -> float:
+    """Mean number of rows from a reading to the next on straight lines; 0 without such lines."""
+    begin = max((values.size - _PART) // 2, 0)
+    some = values[begin : begin + _PART]
+    off = np.abs(np.diff(some, 2))
+    size = float(np.abs(some).max(initial=0.0))
+    rounding = max(_ROUNDING * smallest_step(some), 16.0 * np.finfo(float).eps * size)
+    bent = off > rounding
+    count = np.count_nonzero(bent)
+    if count < _BENT or count > (1.0 - _STRAIGHT) * bent.size:
+        return 0.0
+    even = np.abs(np.fft.rfft(bent - bent.mean())) / count
+    first = int(np.argmax(even > 0.6 * even.max()))  # those behind it are its multiples
+    rows = bent.size / max(first, 1)
+    return rows if even[first] > _EVEN and rows < _LINE else 0.0
 
 
 def _others_move(experiment: Experiment, role: str) -> bool:
