@@ -40,8 +40,11 @@ def bench(folder: Path, header: str = "Zeit [ms];p1 [bar];p2 [bar]") -> Path:
     return path
 
 
-def test_what_leads_is_the_input(tmp_path: Path) -> None:
-    (found,) = suggest([ff.read_log(bench(tmp_path))], ["bench.csv"], "line")
+@pytest.mark.parametrize("names", ["p1 p2", "p2 p", "p p2", "pressure sensor", "sensor druck"])
+def test_what_leads_is_the_input(tmp_path: Path, names: str) -> None:
+    """A name that suits either role did not leave the order to the log, and none was tried."""
+    header = "t [ms];{} [bar];{} [bar]".format(*names.split())
+    (found,) = suggest([ff.read_log(bench(tmp_path, header))], ["bench.csv"], "line")
     assert dict(found.columns) == {"inlet": "#3", "outlet": "#2"}
     assert found.verdict == "pass"
     assert not found.unsure

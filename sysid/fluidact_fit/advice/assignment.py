@@ -29,7 +29,8 @@ _WORDS: dict[str, str] = {
     "valve ventil consigna consigne commande comando i pwm signal",
     "outlet": "outlet out output response druck pressure p flow q chamber far istwert ist ausgang "
     "speed",
-    "inlet": "inlet in input valve source supply upstream vordruck eingang",
+    "inlet": "inlet in input valve source supply upstream vordruck eingang pressure druck p flow q "
+    "speed",
     "pressure": "pressure druck p chamber presion pression pressione kammer",
     "pressure_1": "pa p1 pressure1 chamber1 cap bottom",
     "pressure_2": "pb p2 pressure2 chamber2 rod",
