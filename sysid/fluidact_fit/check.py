@@ -238,10 +238,10 @@ def check_logs(
     the file, and the others compared with these held; the errors of the difference are then those
     of both, with what the file does not know of the parameters held.
 
-    It no longer ``fits`` when the rmse of a run is above ``RMSE_FACTOR`` times the file's plus one
-    resolution step of the output, and above what the errors of the file's parameters explain, or
-    a parameter moved by more than ``MOST_STD_ERRORS`` combined standard errors and by more than
-    ``LEAST_RELATIVE``.
+    It no longer ``fits`` when the file's own verdict is ``fail``, the rmse of a run is above
+    ``RMSE_FACTOR`` times the file's plus one resolution step of the output, and above what the
+    errors of the file's parameters explain, or a parameter moved by more than ``MOST_STD_ERRORS``
+    combined standard errors and by more than ``LEAST_RELATIVE``.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def check_logs(
     if not drifts and not any(c.samples for c in checks):
         _refuse_empty(checks)
     units = recorded_units(document)
-    reasons = _reasons(checks, drifts, units)
+    reasons = (*_never_fitted(document), *_reasons(checks, drifts, units))
     return Check(
         document.family, not reasons, reasons, checks, drifts, tuple(dict.fromkeys(notices)), units
     )
@@ -469,6 +469,14 @@ def _drift(
     return Drift(
         name, unit, float(before), float(now), error, float(sigmas), percent, bool(moved), held
     )
+
+
+def _never_fitted(document: ParameterDocument) -> tuple[str, ...]:
+    """A file that did not describe the logs it was fitted to describes no others."""
+    if document.fit.verdict != "fail":
+        return ()
+    percent = percent_text(document.fit.fit_percent)
+    return (f"the file has the verdict FAIL: it did not describe its own logs (fit {percent}).",)
 
 
 def _reasons(

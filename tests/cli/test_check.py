@@ -44,6 +44,18 @@ def test_same_machine_passes(here: Run, fitted: Path, valve: Log) -> None:
     assert "gain" in done.out
 
 
+def test_a_file_that_failed_describes_no_log(here: Run, fitted: Path, valve: Log) -> None:
+    """It passed: the limit is twice its own poor rmse."""
+    fitted.write_text(fitted.read_text().replace("verdict: pass", "verdict: fail"))
+    log = rename(valve("today.csv", seed=9))
+    done = here("check", fitted, log)
+    assert done.status == 5
+    assert "the file has the verdict FAIL" in done.err
+    done = here("simulate", fitted, log)
+    assert done.status == 0
+    assert "warning (weak-file): the parameter file has the verdict FAIL." in done.err
+
+
 def test_check_and_export_name_a_weak_file(here: Run, inside: Path, valve: Log) -> None:
     kept = Path(__file__).parents[1] / "golden" / ff.__version__ / "valve.yaml"
     text = kept.read_text(encoding="utf-8")

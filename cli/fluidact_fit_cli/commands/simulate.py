@@ -30,6 +30,7 @@ from ..progress import Progress
 from ..show import echo, echo_result, tell
 
 if TYPE_CHECKING:
+    from fluidact_fit.errors import Notice
     from fluidact_fit.outcome import Simulation
     from fluidact_fit.parameters import ParameterDocument
 
@@ -172,8 +173,7 @@ def _with_logs(
         )
         progress("simulating")
         simulated = simulate_runs(document, runs)
-    if not params["quiet"]:
-        echo_notices(notices)
+    _echo(document, notices, params)
     return simulated
 
 
@@ -185,6 +185,15 @@ def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[
     runs = simulate_steps(
         document, steps, params["unit"], params["duration"], params["sample_time"]
     )
-    if not params["quiet"]:
-        echo_notices(beyond_validity(document, [run.experiment for run in runs]))
+    _echo(document, beyond_validity(document, [run.experiment for run in runs]), params)
     return runs
+
+
+def _echo(
+    document: ParameterDocument, notices: Sequence[Notice], params: Mapping[str, Any]
+) -> None:
+    """Warn of the file and of the inputs, unless asked to be quiet."""
+    from fluidact_fit.presentation import weak_file
+
+    if not params["quiet"]:
+        echo_notices([*weak_file(document), *notices])
