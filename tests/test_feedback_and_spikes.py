@@ -63,6 +63,15 @@ def test_noise_of_an_input_is_no_feedback() -> None:
         assert not find_feedback(VARIANT, solution(noisy=noisy), [run])[1]
 
 
+def test_noise_of_a_ramp_is_no_feedback_of_a_map() -> None:
+    """Whitening the ramp spreads its noise over later samples: six of six maps were warned of."""
+    rng = np.random.default_rng(3)
+    exact, noise = np.abs(np.arange(2000) % 500 - 250.0), 0.5 * rng.standard_normal(2000)
+    missed = -noise + 0.1 * rng.standard_normal(2000)
+    run = Simulation(experiment(exact + noise, missed), np.zeros(2000), missed)
+    assert not find_feedback(VARIANT, solution(later=0, noisy=False), [run])[1]
+
+
 def test_a_sine_does_not_hide_a_spike_of_the_output() -> None:
     t = np.arange(500) * 0.01
     y = np.sin(3.0 * t)

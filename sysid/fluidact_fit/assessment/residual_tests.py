@@ -183,6 +183,8 @@ def find_feedback(
             future = np.append(now, future)
         elif noisy:
             continue
+        elif at_once:  # noise of the input, which whitening it spreads over later samples
+            past = np.append(now, past)
         first = _LAGS + 1 - future.size
         table[role] = {
             "residual_follows_input": _significance(past / sqrt(count)),
