@@ -285,7 +285,7 @@ def _codes_table(codes: Mapping[str, Code]) -> str:
 
 def thresholds() -> str:
     """Every threshold of the examination."""
-    rows = [(_code(n), f"{t.value:g}", t.meaning, t.evidence) for n, t in POLICY.items()]
+    rows = [(_code(n), f"{t:g}", t.meaning, t.evidence) for n, t in POLICY.items()]
     return _paragraphs(table(("threshold", "value", "what it is", "study or test behind it"), rows))
 
 
