@@ -84,17 +84,19 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
             )
 
 
+def _pairs(
+    runs: Sequence[Experiment], role: str, output: str
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Input and output of the runs that have both at the same samples, and enough of them."""
+    both = [(e[role], e[output]) for e in runs if role in e and output in e]
+    return [(u, y) for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]
+
+
 def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
     """True if the changes of an input follow those of the output instead of preceding them."""
     ahead, behind, least = 0.0, 0.0, 0.0
-    for e in runs:
-        if (
-            role not in e
-            or output not in e
-            or not e[role].size == e[output].size >= policy.CAUSE_SAMPLES
-        ):
-            continue
-        u, y = np.diff(e[role]), np.diff(e[output])
+    for u, y in _pairs(runs, role, output):
+        u, y = np.diff(u), np.diff(y)
         ahead += float(np.sum(_correlations(u, y) ** 2))
         behind += float(np.sum(_correlations(y, u) ** 2))
         least += 3.0 * len(_LAGS) / u.size
@@ -182,8 +184,7 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 
     Means of large inputs of either sign, against the output without input; 1 where there is none.
     """
-    both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    both = [(u, y) for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]
+    both = _pairs(runs, role, output)
     answers = []
     for sign in (1.0, -1.0):
         top = max((float((sign * u).max()) for u, _ in both), default=0.0)
@@ -200,12 +201,7 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
     """True if the output is the input at the very same sample, but for a factor and noise."""
-    both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    both = [
-        (u, y)
-        for u, y in both
-        if u.size == y.size >= policy.CAUSE_SAMPLES and np.ptp(u) > 0.0 < np.ptp(y)
-    ]
+    both = [(u, y) for u, y in _pairs(runs, role, output) if np.ptp(u) > 0.0 < np.ptp(y)]
     return bool(both) and all(
         np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - policy.ONE_SIGNAL**2
         and np.argmax(np.abs(_correlations(np.diff(u), np.diff(y), (0, *_LAGS)))) == 0
@@ -238,9 +234,8 @@ def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, fl
     The input changes meanwhile, and beyond what moves the output that way elsewhere: what it does
     within a dead zone moves nothing.
     """
-    both = [(e[role], e[output]) for e in runs if role in e and output in e]
-    pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED])
-             for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]  # fmt: skip
+    both = _pairs(runs, role, output)
+    pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED]) for u, y in both]
     if not pairs:
         return 0, 0.0
     u, y, speed = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
