@@ -55,12 +55,10 @@ def correct_named(
     """
 
     def solve_with(held: Mapping[str, float]) -> _Attempt:
-        problem = partial(build, held)
-        names = tuple(u.name for u in problem(noise.experiments, ()).nonlinear)
-        start = np.array([fitted.values[n] for n in names])
-        found = correct(noise, problem, start)
-        values = {**fitted.values, **held, **dict(zip(names, found.eta.tolist()))}
-        return _Attempt(found, Solved(values, names, found.covariance, fitted.degrees))
+        exact = build(held, noise.experiments, ())
+        found = correct(noise, partial(build, held), exact.vector(fitted.values))
+        values = {**fitted.values, **held, **exact.named(found.eta)}
+        return _Attempt(found, Solved(values, exact.names, found.covariance, fitted.degrees))
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         solved = attempt.solved

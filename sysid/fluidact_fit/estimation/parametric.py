@@ -263,7 +263,7 @@ def _attempt(
 ) -> _Attempt:
     """Solve from every start, weigh the logs, and take the covariance."""
     problem = bind(model, unknowns, held)
-    begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
+    begin = [problem.vector(s) for s in starts]
     rows = sum(y.size for y in model.measured)
     # of long logs a part was fitted before, mostly: the starts are near, or a step is rejected
     limits: dict[str, Any] = {"tolerance": 1e-5}
@@ -278,7 +278,7 @@ def _attempt(
     if rows >= _MANY:
         best = settled(bind(fair, unknowns, held), best, limits["tolerance"])
     found = fair.uncertainty(best)
-    names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
+    names = (*problem.names, *(u.name for u in problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
     solved = Solved(values, names, found.covariance, found.degrees, independent=found.independent)
     return _Attempt(fair, held, search, best, factors, found, solved)

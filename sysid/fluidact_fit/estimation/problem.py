@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -100,6 +100,20 @@ class Problem:
     def rows(self) -> int:
         """Number of rows of all experiments."""
         return sum(y.shape[0] for y in self.measured)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nonlinear unknowns."""
+        return tuple(u.name for u in self.nonlinear)
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Values of the nonlinear unknowns, shape ``(p,)``."""
+        return np.array([values[n] for n in self.names])
+
+    def named(self, values: Iterable[float]) -> dict[str, float]:
+        """Values by name: of the nonlinear unknowns, and of the linear ones if they follow."""
+        every = (*self.nonlinear, *self.linear)
+        return {u.name: float(x) for u, x in zip(every, values)}
 
     def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
         """Columns of one experiment, piece by piece; whole where it is whitened."""

@@ -21,7 +21,7 @@ from .named_input_noise import correct_named
 from .named_model import NamedModel, bind
 from .parametric import Fitted, fit_named
 from .problem import Problem
-from .response_model import Beginning, ResponseTask, T, vector
+from .response_model import Beginning, ResponseTask, T
 from .rivals import Correct, judge_rivals
 from .robust_weights import huber_weights
 from .run_beginnings import (
@@ -155,7 +155,7 @@ def _closer(
 ) -> list[dict[str, float]]:
     """The best that a part leads to from some starts."""
     problem = bind(part, task.unknowns, task.held)
-    found = solve_from(problem, [vector(problem, s) for s in starts], tolerance=1e-2)
+    found = solve_from(problem, [problem.vector(s) for s in starts], tolerance=1e-2)
     return [task.values(problem, found.best.eta)]
 
 
@@ -171,7 +171,7 @@ def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> 
         points = [p for p in task.model.elsewhere(values, step) if not set(p) & set(task.held)]
         if not points:
             return search
-        starts = np.array([vector(problem, {**values, **p}) for p in points])
+        starts = np.array([problem.vector({**values, **p}) for p in points])
         costs = profile(problem, starts)
         near = _apart(starts[np.argsort(costs)][: np.sum(costs < _NEAR * best.cost)])
         if not near:
@@ -219,7 +219,7 @@ def _weighed(
     if not task.model.robust:
         return model
     problem = bind(model, task.unknowns, task.held)
-    starts = [vector(problem, {**s, **task.request.start}) for s in ends]
+    starts = [problem.vector({**s, **task.request.start}) for s in ends]
     weights = [np.ones(y.size) for y in model.measured]
     for _ in range(_ROUNDS):
         found = solve_from(replace(problem, weights=weights), starts, tolerance=1e-3).best
@@ -265,9 +265,9 @@ def _allow_for_input_noise(
 
     refused = {n: r.value(fitted.specs[n]) for n, r in fitted.refused.items()}
     at_hand = partial(build, {**task.held, **refused, **task.request.fixed})
-    names = [u.name for u in at_hand(experiments, ()).nonlinear]
-    eta = np.array([fitted.values[n] for n in names])
-    errors = np.array([fitted.std_error(n) for n in names])
+    problem = at_hand(experiments, ())
+    eta = problem.vector(fitted.values)
+    errors = np.array([fitted.std_error(n) for n in problem.names])
     noise = InputNoise.seen(experiments, role, task.request.seed, given)
     if noise.sigma and noise.effect(at_hand, eta, errors) < _NEGLIGIBLE:
         noise, given = replace(noise, sigma=0.0), noise.sigma

@@ -242,7 +242,7 @@ class ResponseTask(Generic[T]):
 
     def values(self, problem: Problem, eta: FloatArray) -> dict[str, float]:
         """Every searched and held value, from the solution of a problem."""
-        return {**self.held, **dict(zip((u.name for u in problem.nonlinear), eta.tolist()))}
+        return {**self.held, **problem.named(eta)}
 
     def starts(self, some: Sequence[Experiment], begin: Beginning) -> list[dict[str, float]]:
         """Starts of the family; the user's own take precedence."""
@@ -250,12 +250,7 @@ class ResponseTask(Generic[T]):
 
     def search(self, problem: Problem, starts: Sequence[Mapping[str, float]]) -> Search:
         """Solve roughly from every start."""
-        return solve_from(problem, [vector(problem, s) for s in starts], tolerance=1e-2)
-
-
-def vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:
-    """Nonlinear unknowns of a problem, shape ``(p,)``, from values by name."""
-    return np.array([start[u.name] for u in problem.nonlinear])
+        return solve_from(problem, [problem.vector(s) for s in starts], tolerance=1e-2)
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:

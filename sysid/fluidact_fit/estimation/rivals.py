@@ -15,7 +15,7 @@ from ..units import after_number
 from .named_model import NamedModel, bind
 from .parametric import DECIDED, DECISIVE, Fitted, cost_units
 from .problem import Problem, StationaryPoint
-from .response_model import ResponseTask, T, vector
+from .response_model import ResponseTask, T
 from .results import refuse
 from .separable import evaluate, profile
 from .starts import time_scales
@@ -53,7 +53,7 @@ def judge_rivals(
     held = {n: v for n, v in fitted.values.items() if n in task.unknowns and n not in names}
     problem = bind(model, task.unknowns, held)
     errors = np.array([fitted.std_error(n) for n in names])
-    points = [vector(problem, {**p, **held}) for p in places]
+    points = [problem.vector({**p, **held}) for p in places]
     far = [eta for eta in points if np.any(np.abs(eta - best.eta) > OTHER * errors)]
     if part is not None and far:
         some = bind(part.scaled(fitted.factors), task.unknowns, held)

@@ -18,7 +18,7 @@ from .named_model import NamedModel, bind
 from .noise import noise_floor
 from .parametric import Fitted
 from .problem import Basis
-from .response_model import Beginning, ResponseTask, T, are_short, vector
+from .response_model import Beginning, ResponseTask, T, are_short
 from .separable import solve, solve_from
 from .starts import time_scales
 from .uncertainty import middle_of
@@ -140,7 +140,7 @@ def cut_unrecorded(
     found = []
     for place, own in zip(places, begins):
         problem = task.problem(few, own)
-        best = solve(problem, vector(problem, place), tolerance=1e-2)
+        best = solve(problem, problem.vector(place), tolerance=1e-2)
         left = rows - problem.rows
         length = problem.rows * np.log(best.cost / problem.rows) + left * np.log(power)
         found.append((length, own, task.values(problem, best.eta)))
@@ -168,10 +168,10 @@ def examine_offset(
     problem = bind(task.named(task.experiments, other), task.unknowns, held)
     late = fitted.values.get("dead_time", 0.0)  # between samples the cost has a valley each
     starts = [{**fitted.values, "dead_time": share * late} for share in _EARLIER]
-    found = solve_from(problem, [vector(problem, x) for x in starts], tolerance=1e-3).best
-    names = [u.name for u in (*problem.nonlinear, *problem.linear) if u.name in fitted.names]
-    values = dict(zip(names, (*found.eta.tolist(), *found.linear.tolist())))
-    moved = [n for n in names if abs(values[n] - fitted.values[n]) > fitted.half_width(n)]
+    found = solve_from(problem, [problem.vector(x) for x in starts], tolerance=1e-3).best
+    every = problem.named((*found.eta, *found.linear))
+    values = {n: v for n, v in every.items() if n in fitted.names}
+    moved = [n for n in values if abs(values[n] - fitted.values[n]) > fitted.half_width(n)]
     quiet = [_before_response(model.columns(k, fitted.values)) & _before_response(
              model.columns(k, {**fitted.values, **values}))
              for k in range(len(task.experiments))]  # fmt: skip

@@ -43,7 +43,7 @@ def grid_search(
         Dead times to try [s] at a point of the other axes, ascending, shape ``(k,)``; a
         slow plant needs fewer.
     """
-    order = [u.name for u in problem.nonlinear]
+    order = problem.names
     if not order:  # everything but gains and offsets is fixed
         return [{}]
     outer = [n for n in order if n != "dead_time"]

@@ -11,7 +11,7 @@ from ...errors import Notice
 from ...estimation.separable import solve
 from ...experiment import FloatArray
 from .model import Compared
-from .start import Stage, values_at
+from .start import Stage
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
 DECISIVE_HELD = 2.0  # the same under a drive that is held: it is exact, and explains no residual
@@ -28,7 +28,7 @@ def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
     found = stage.solve(problem, max_iterations=10, tolerance=0.05)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
     noise = stage.noise
-    moved = replace(stage, start={**stage.start, **values_at(problem, found.eta)})
+    moved = replace(stage, start={**stage.start, **problem.named(found.eta)})
     return float(residual / noise) if noise > 0.0 else np.inf, moved
 
 

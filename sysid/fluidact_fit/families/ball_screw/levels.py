@@ -16,7 +16,7 @@ import numpy as np
 from ...estimation.uncertainty import independent_samples
 from ...experiment import FloatArray
 from .model import BREAKAWAY, SIDES, Compared, DriveModel, increments, leading_parts
-from .start import Stage, values_at
+from .start import Stage
 
 _ROUNDS = 8  # of one level after the other, at most
 _CELLS = 24  # into which a pass over the commanded levels divides them
@@ -121,7 +121,7 @@ class _Profile:
         )  # fmt: skip
         problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
-        now = {**values, **values_at(problem, found.eta)}
+        now = {**values, **problem.named(found.eta)}
         independent = sum(map(_independent, found.residuals))
         return _Refitted(found.cost, now, np.vstack(found.jacobian), independent)
 

@@ -126,13 +126,8 @@ class Stage:
 
     def solve(self, problem: Problem, max_iterations: int, tolerance: float) -> StationaryPoint:
         """Solve a problem from where the search now is."""
-        eta = np.array([self.start[u.name] for u in problem.nonlinear])
+        eta = problem.vector(self.start)
         return solve(problem, eta, max_iterations=max_iterations, tolerance=tolerance)
-
-
-def values_at(problem: Problem, eta: FloatArray) -> dict[str, float]:
-    """Values of the nonlinear unknowns by name."""
-    return {u.name: float(x) for u, x in zip(problem.nonlinear, eta)}
 
 
 def first_stage(

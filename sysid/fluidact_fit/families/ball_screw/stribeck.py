@@ -26,7 +26,7 @@ from .model import (
     increments,
     leading_parts,
 )
-from .start import Stage, follow, values_at
+from .start import Stage, follow
 
 _GRID = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the fastest motion, where the search begins
 _RANGE = (1e-4, 1.0)  # of the fastest motion, in which it goes on
@@ -63,7 +63,7 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
         problem = searched.problem(increments(part, axis))
         found = replace(searched, start=first).solve(problem, max_iterations=6, tolerance=0.05)
         if found.cost < best:
-            best, start = found.cost, {**first, **values_at(problem, found.eta)}
+            best, start = found.cost, {**first, **problem.named(found.eta)}
     return replace(stage, names=names, unknowns=unknowns, start=start)
 
 

@@ -177,7 +177,7 @@ def start_motor(
     The gain is linear: at any other values it follows without a search.
     """
     problem, unknowns = task.problem(experiments, begin), task.unknowns
-    free = [u.name for u in problem.nonlinear]
+    free = problem.names
     top = 1.0 / unknowns["curvature"].scale
     size = {"curvature": 1.0 / top, EDGES[0]: -top}
     values = {n: shares[0] * size.get(n, top) for n, shares in SHARES.items()}
@@ -271,13 +271,11 @@ def _find_bend(
     for share in _BENDS:
         held = {**task.held, **refused, SATURATION: share * top}
         problem = bind(model, task.unknowns, held)
-        names = [u.name for u in problem.nonlinear]
-        solution = solve(problem, np.array([fitted.values[n] for n in names]))
+        solution = solve(problem, problem.vector(fitted.values))
         if solution.cost < best:
             best = solution.cost
-            names += [u.name for u in problem.linear]
-            values = (*solution.eta.tolist(), *solution.linear.tolist())
-            found = {**fitted.values, **held, **dict(zip(names, values))}
+            values = problem.named((*solution.eta, *solution.linear))
+            found = {**fitted.values, **held, **values}
     rows = sum(y.size for y in model.measured)
     return found, rows * (fitted.solution.cost / best - 1.0)
 
