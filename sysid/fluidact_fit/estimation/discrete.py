@@ -37,7 +37,7 @@ def discretise(
     numerator: Sequence[float],
     denominator: Sequence[float],
     sample_time: float,
-    dead_time: float = 0.0,
+    dead_time: float,
 ) -> dict[str, Any]:
     """Difference equation of ``exp(-dead_time s) numerator(s)/denominator(s)``.
 

@@ -25,6 +25,8 @@ from .least_squares import project_out
 from .named_model import NamedModel, Values
 from .problem import Basis, differentiate
 
+_ROUNDS = 3000  # of the algorithm that shares the samples out
+
 
 def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Information:
     """Information of the model's first experiment at given values.
@@ -72,9 +74,7 @@ def cramer_rao(normal: FloatArray) -> FloatArray:
     return np.asarray(out)
 
 
-def optimal_measure(
-    rows: FloatArray, scales: FloatArray, criterion: str | int, rounds: int = 3000
-) -> FloatArray:
+def optimal_measure(rows: FloatArray, scales: FloatArray, criterion: str | int) -> FloatArray:
     """Share of the samples to take at every point of a grid.
 
     Multiplicative algorithm [2]_: each share grows with how much the criterion gains by
@@ -99,7 +99,7 @@ def optimal_measure(
     # a norm of order r moves r + 1 times as fast: smaller steps keep it from swinging
     power = 1.0 / 9.0 if criterion == "worst" else 0.5
     ridge = 1e-10 * np.eye(x.shape[1]) * float(np.mean(x**2))
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         inverse = np.linalg.inv(x.T @ (share[:, None] * x) + ridge)
         towards = (x @ inverse) ** 2
         variance = np.diag(inverse)

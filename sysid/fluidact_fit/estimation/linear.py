@@ -168,7 +168,7 @@ def _transition_of(a: Array, grid: Grid, driven: tuple[Array, int] | None) -> Ar
 
 
 def free_pieces(
-    a: Array, c: Array, grid: Grid, parts: Sequence[slice], driven: tuple[Array, int] | None = None
+    a: Array, c: Array, grid: Grid, parts: Sequence[slice], driven: tuple[Array, int] | None
 ) -> Iterator[Array]:
     """`free_response` over consecutive parts of a record, one after the other."""
     row, last = c, grid.which.size
@@ -274,9 +274,9 @@ def forced_pieces(
     samples: Grid,
     parts: Sequence[slice],
     *,
-    dead_time: complex = 0.0,
-    shape: Callable[[PiecewiseInput], PiecewiseInput] | None = None,
-    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None = None,
+    dead_time: complex,
+    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
+    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None,
 ) -> Iterator[Array]:
     """`forced_response` over consecutive parts of a record; the state goes from one to the next.
 

@@ -75,7 +75,7 @@ def minimise(
     rows: int,
     tolerance: float = 1e-5,
     least_gain: float = 0.0,
-    max_iterations: int = 60,
+    max_iterations: int,
     damping: float = 1e-3,
 ) -> Minimum[PointT]:
     """Minimise a sum of squares from one start.

@@ -35,9 +35,9 @@ def correct_named(
     build: BuildHeld,
     fitted: Fitted,
     *,
-    refusals: Sequence[Refusal] = (),
-    sensible: Mapping[str, float] | None = None,
-    idle: Mapping[str, float] | None = None,
+    refusals: Sequence[Refusal],
+    sensible: Mapping[str, float],
+    idle: Mapping[str, float],
 ) -> Fitted:
     """Estimate again from inputs with noise, and refuse what they do not determine.
 
@@ -64,10 +64,10 @@ def correct_named(
         solved = attempt.solved
         near = [
             no_effect(fitted.specs[n], value, fitted.unknowns[n].low)
-            for n, value in (idle or {}).items() if n in solved.names
+            for n, value in idle.items() if n in solved.names
             and abs(solved.values[n] - value) < DECISIVE**0.5 * solved.std_error(n)
         ]  # fmt: skip
-        return near or left_open(solved, fitted.specs, sensible or {})
+        return near or left_open(solved, fitted.specs, sensible)
 
     # what exact inputs leave undetermined, noisy ones do too; it may act on nothing at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())

@@ -174,7 +174,7 @@ def fit_named_map(
     request: Request[Any],
     *,
     sensible: Mapping[str, float],
-    refusals: Sequence[Refusal] = (),
+    refusals: Sequence[Refusal],
     optional: Sequence[Refusal] = (),
 ) -> NamedFit:
     """Fit a map of named values.

@@ -14,7 +14,6 @@ from .price import simulated
 from .whitening import Whitening
 
 STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
-_WHOLE = slice(None)
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,6 @@ class Basis:
     known: Array
     shared: Array
     local: Array
-
-    @property
-    def columns(self) -> tuple[Array, ...]:
-        """All of them, one kind after the other."""
-        return self.known, self.shared, self.local
 
 
 @dataclass(frozen=True)
@@ -132,7 +126,7 @@ class Problem:
         """Count simulations of one experiment."""
         simulated(self.measured[index].shape[0] / self.channels, passes)
 
-    def weigh(self, index: int, table: Array, at: slice = _WHOLE) -> Array:
+    def weigh(self, index: int, table: Array, at: slice) -> Array:
         """Weigh and whiten a table (samples first) of one experiment, or rows of it."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
         if w.ndim:

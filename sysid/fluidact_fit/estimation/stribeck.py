@@ -156,10 +156,7 @@ class Rise:
 
 
 def friction_columns(
-    sign: FloatArray,
-    velocity: FloatArray,
-    rise: Sequence[FloatArray],
-    forward: FloatArray | None = None,
+    sign: FloatArray, velocity: FloatArray, rise: Sequence[FloatArray]
 ) -> dict[str, FloatArray]:
     """Columns of the parameters of friction in a balance, by name, ``(n,)`` each.
 
@@ -167,13 +164,12 @@ def friction_columns(
     ----------
     sign
         Direction of the motion: 1, -1, or between where samples are means over a reversal.
-    velocity, forward
-        [m/s or rad/s], and the part of it that is motion in the positive direction.
+    velocity
+        [m/s or rad/s]
     rise
         What multiplies the Stribeck level and a change of the Stribeck speed; see :class:`Rise`.
     """
-    if forward is None:
-        forward = np.where(sign > 0.0, velocity, 0.0)
+    forward = np.where(sign > 0.0, velocity, 0.0)
     return {
         "coulomb_positive": 0.5 * (1.0 + sign),
         "coulomb_negative": -0.5 * (1.0 - sign),

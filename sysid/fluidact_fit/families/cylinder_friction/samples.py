@@ -365,7 +365,7 @@ def leave_out_turns(
 
 
 def simulate_force(
-    plant: Plant[FrictionOptions], experiments: Sequence[Experiment], offset: float | None = None
+    plant: Plant[FrictionOptions], experiments: Sequence[Experiment], offset: float | None
 ) -> list[Simulated]:
     """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
 

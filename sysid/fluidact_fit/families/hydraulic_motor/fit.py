@@ -64,7 +64,7 @@ class MotorOptions(ResponseOptions):
     )
 
 
-def highest_command(experiments: Sequence[Experiment], offset: float = 0.0) -> float:
+def highest_command(experiments: Sequence[Experiment], offset: float) -> float:
     """Largest distance of the command from its offset in any log [unit of the command]."""
     return max(float(np.abs(e.sampled("command") - offset).max()) for e in experiments)
 

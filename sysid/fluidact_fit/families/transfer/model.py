@@ -287,7 +287,7 @@ def input_level(signal: Signal) -> float:
 
 
 def simulate_transfer(
-    model: TransferModel, values: Values, offset: float | None = None
+    model: TransferModel, values: Values, offset: float | None
 ) -> list[Simulated]:
     """Outputs of all runs, offset by log and initial state by run fitted to their outputs.
 
