@@ -163,6 +163,8 @@ class Family(ABC, Generic[OptionsT]):
     examined
         Samples of every run by which the examinations that simulate judge what is always there:
         all that count where simulations are cheap, fewer where each takes its time.
+    next_experiment
+        How the next experiment is designed, where that does not depend on the file.
     structures
         Forms of the equation among which logs can choose (:mod:`.structures`), the simplest
         first; none where there is one form only.
@@ -176,6 +178,9 @@ class Family(ABC, Generic[OptionsT]):
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
     examined: ClassVar[int] = 200_000
+    next_experiment: ClassVar[Excitation] = Excitation(
+        "none", "the family cannot predict what an experiment would show"
+    )
     structures: ClassVar[tuple[Structure, ...]] = ()
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
@@ -244,7 +249,7 @@ class Family(ABC, Generic[OptionsT]):
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Return how the next experiment can be designed from a file of this family."""
-        return Excitation("none", "the family cannot predict what an experiment would show")
+        return self.next_experiment
 
     def suppose(
         self, name: str, plant: Plant[OptionsT], amplitude: tuple[float, float], sample_time: float

@@ -249,6 +249,9 @@ class Backlash(Family[BacklashOptions]):
         ),
     )  # fmt: skip
     options_type = BacklashOptions
+    next_experiment = Excitation(
+        "none", "any slow strokes in both directions, far longer than the play, will do"
+    )
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[BacklashOptions]
@@ -333,12 +336,6 @@ class Backlash(Family[BacklashOptions]):
         v = plant.numbers
         numbers = {"half_width": 0.5 * v["play"], "ratio": v["ratio"], "offset": v["offset"]}
         return {"play": {**numbers, "lost_motion": v["play"] / abs(v["ratio"])}}
-
-    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
-        """Nothing to design; see :meth:`Family.excitation`."""
-        return Excitation(
-            "none", "any slow strokes in both directions, far longer than the play, will do"
-        )
 
     def static_view(
         self,

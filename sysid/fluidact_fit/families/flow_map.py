@@ -201,6 +201,7 @@ class FlowMap(Family[FlowMapOptions]):
         ),
     )  # fmt: skip
     options_type = FlowMapOptions
+    next_experiment = Excitation("points")
     structures = (
         Structure("straight, no leakage", fixed={"curvature": 0.0, "leakage": 0.0}),
         Structure("curved, no leakage", fixed={"leakage": 0.0}),
@@ -256,10 +257,6 @@ class FlowMap(Family[FlowMapOptions]):
         middle = [0.5 * (a + b) for a, b in zip(ends, edges)]
         commands = sorted([*ends, *edges, *middle])
         return {"curve": {"command": commands, "flow": valve_flow(commands, v).tolist()}}
-
-    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
-        """Commands to hold; see :meth:`Family.excitation`."""
-        return Excitation("points")
 
     def static_view(
         self,

@@ -130,6 +130,7 @@ class BallScrew(Family[BallScrewOptions]):
         Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
     )
     examined = 40_000
+    next_experiment = Excitation("command")
 
     def estimate(
         self,
@@ -188,10 +189,6 @@ class BallScrew(Family[BallScrewOptions]):
         """Another fall from static to kinetic friction; see :meth:`Family.unmodelled_effects`."""
         values = plant.numbers
         return [fall_of(axis_of(plant.variant), values)] if values.get(SPEED) else []
-
-    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
-        """A torque or force, played to the drive; see :meth:`Family.excitation`."""
-        return Excitation("command")
 
     def suppose(
         self,

@@ -107,6 +107,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         ),
     )  # fmt: skip
     options_type = PotentiometerOptions
+    next_experiment = Excitation("points")
     structures = (
         *(Structure(f"degree {n}", {"degree": str(n), "branches": "pooled"}) for n in range(1, 6)),
         Structure("a curve for each direction", {"degree": "auto", "branches": "two"}),
@@ -183,10 +184,6 @@ class Potentiometer(Family[PotentiometerOptions]):
             return {"curve": curve | ratios[0]}
         branches = dict(zip(("rising", "falling"), ratios))
         return {"curve": curve | {"hysteresis_dead_band": c.dead_band} | branches}
-
-    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
-        """Positions to hold; see :meth:`Family.excitation`."""
-        return Excitation("points")
 
     def static_view(
         self,

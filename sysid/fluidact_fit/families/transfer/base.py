@@ -60,6 +60,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
 
     dead_zone: ClassVar[bool] = False
     allows_for_input_noise = True
+    next_experiment = Excitation("command")
 
     @staticmethod
     @abstractmethod
@@ -162,10 +163,6 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
         model = self.transfer_model(plant.variant, [experiment], begin)
         return np.concatenate(list(model.free_responses(0, plant.numbers)))
-
-    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
-        """A command, played to the input; see :meth:`Family.excitation`."""
-        return Excitation("command")
 
     def suppose(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
