@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import erfc, sqrt
 from typing import Any
 
@@ -131,23 +131,19 @@ def _channel_notice(
     )
 
 
-def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> list[Notice]:
+def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> Iterator[Notice]:
     """Name an output that falls as an input rises: a machine that reverses it, or a sign."""
     output, inputs = variant.output.name, [r.name for r in variant.driving]
-    found = []
     for spec in variant.parameters:
         if not spec.ratio:
             continue
         top, bottom, q = spec.ratio[0], spec.ratio[-1], solution.parameters.get(spec.name)
         if top == output and bottom in inputs and q is not None and np.all(np.array(q.value) < 0.0):
-            found.append(
-                Notice(
-                    "sign-reversed",
-                    f"{spec.name} is negative: '{output}' falls as '{bottom}' rises. If that is "
-                    f"not so, give --scale {bottom}=-1 or --scale {output}=-1.",
-                )
+            yield Notice(
+                "sign-reversed",
+                f"{spec.name} is negative: '{output}' falls as '{bottom}' rises. If that is "
+                f"not so, give --scale {bottom}=-1 or --scale {output}=-1.",
             )
-    return found
 
 
 def find_feedback(

@@ -7,7 +7,7 @@ not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import chain
@@ -199,25 +199,25 @@ def _beside_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Sc
     return min(plain, other, key=lambda s: abs(s.deviations))
 
 
-def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> list[Notice]:
+def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> Iterator[Notice]:
     """Warn if noise of an input hides nearly everything that the model may lack."""
     inputs = at.solution.noise.inputs
     hidden = judged.count(Unjudged.HIDDEN)
     said = any(n.code == "input-noise-left" for n in at.solution.notices)
     if not inputs or said or not hidden or hidden < policy.HIDDEN * len(judged):
-        return []
+        return
     role = next(iter(inputs))
     noise = at.signal(role).text(inputs[role].sigma, ".2g")
-    return [Notice(
+    yield Notice(
         "unexamined",
         f"'{role}' carries noise of about {noise} rms, behind which a delay, a lag or anything "
         f"else that the model lacks would not be seen ({hidden} of {len(judged)} tests have no "
         "answer): the intervals hold only if the model is complete. Record the input with a "
         "cleaner sensor, or move it further and faster.",
-    )]  # fmt: skip
+    )
 
 
-def _timing(at: Optimum, scores: Sequence[Score]) -> list[Notice]:
+def _timing(at: Optimum, scores: Sequence[Score]) -> Iterator[Notice]:
     """Name the parameter that a channel one sample late changes most, unseen."""
     unseen: list[tuple[float, str, float, Score]] = []
     for s in scores:
@@ -231,15 +231,15 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> list[Notice]:
         if not seen and samples * abs(s.errors) > policy.TERM_MOVES and share > policy.TIMING_MOVES:
             unseen.append((share, s.term.name.removeprefix("delay of "), shift, s))
     if not unseen:
-        return []
+        return
     _, role, shift, s = max(unseen, key=lambda x: x[0])
-    return [Notice(
+    yield Notice(
         "timing-matters",
         f"were '{role}' recorded one sample ({as_time(s.term.sampled)}) early or late, "
         f"{s.parameter} would be off by {shift:.2g}{at.unit(s.parameter)}"
         f"{as_share(shift, at.number(s.parameter))}, and the residuals would not show it. Read all "
         "channels at the same instant, and filter them alike.",
-    )]  # fmt: skip
+    )
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

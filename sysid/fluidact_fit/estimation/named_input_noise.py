@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -86,7 +86,7 @@ def correct_named(
 
 def _notices(
     noise: InputNoise, solved: Solved, found: Corrected, before: Mapping[str, float]
-) -> list[Notice]:
+) -> Iterator[Notice]:
     """Report the noise, the error it would have caused, and what remains of it, if it matters.
 
     ``before`` is the estimate that took the input for exact.
@@ -96,29 +96,31 @@ def _notices(
     level = f"'{noise.role}' carries noise of about {signal.text(noise.sigma, '.2g')} rms"
     most, worst = _most_moved(found.bias / errors), _most_moved(found.left / errors)
     if found.weak or not found.converged:
-        text = (
+        yield Notice(
+            "input-noise-left",
             f"{level}, which looks so much like what the log says of {solved.names[most]} that the "
             "intervals are guesses. Record the input with a cleaner sensor, or move it further "
-            "and faster."
+            "and faster.",
         )
-        return [Notice("input-noise-left", text)]
+        return
     if abs(found.left[worst]) > _LEFT * errors[worst]:
-        text = (
+        yield Notice(
+            "input-noise-left",
             f"{level}, too much to be allowed for exactly: {solved.names[worst]} may still be off "
             f"by {found.left[worst]:+.2g}. Record the input with a cleaner sensor, or move it "
-            "further."
+            "further.",
         )
-        return [Notice("input-noise-left", text)]
+        return
     moved = np.array([before[n] - solved.values[n] for n in solved.names])
     most = _most_moved(moved / errors)
     if abs(moved[most]) < _CHANGED * errors[most]:
-        return []
-    text = (
+        return
+    yield Notice(
+        "input-noise",
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
         f"{moved[most]:+.2g}, {abs(moved[most]) / errors[most]:.1f} standard errors. "
-        "A cleaner sensor would narrow the intervals, and show sooner what the model lacks."
+        "A cleaner sensor would narrow the intervals, and show sooner what the model lacks.",
     )
-    return [Notice("input-noise", text)]
 
 
 def _most_moved(values: FloatArray) -> int:

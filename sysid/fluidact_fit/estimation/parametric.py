@@ -7,7 +7,7 @@ here, once, for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -104,8 +104,9 @@ class Fitted(Solved):
             table["leave_one_log_out"] = [
                 {"file": label[k], "rmse": error} for k, error in errors.items()
             ]
-        notices = (_drift_notice(d, label[d.log], self.values[d.parameter]) for d in drifts)
-        return table, [n for n in notices if n is not None]
+        return table, [
+            n for d in drifts for n in _drift_notice(d, label[d.log], self.values[d.parameter])
+        ]
 
     def details(self) -> dict[str, Any]:
         """Details of the search, for the file."""
@@ -131,11 +132,11 @@ class Fitted(Solved):
         return f"autoregressive residuals of order {self.order}" if self.order else "white"
 
 
-def _drift_notice(drift: LogDisagreement, label: str, value: float) -> Notice | None:
+def _drift_notice(drift: LogDisagreement, label: str, value: float) -> Iterator[Notice]:
     """Warn of a drift that is significant, and large enough to matter."""
     if drift.p_value >= 1e-3 or abs(drift.difference) <= 5e-3 * abs(value):
-        return None
-    return Notice(
+        return
+    yield Notice(
         "log-differs",
         f"{label} does not agree with the other logs: its own {drift.parameter} "
         f"differs by {drift.difference:+.3g}{as_share(drift.difference, value)}, "

@@ -19,7 +19,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -173,13 +173,13 @@ class Regression:
             far = [f & ~a for f, a in zip(far, aside, strict=True)]
         return int(sum(map(np.count_nonzero, far)))
 
-    def spike_notice(
+    def spike_notices(
         self,
         least: float,
         say: Callable[[float], str],
         sensor: str,
         aside: Sequence[BoolArray] = (),
-    ) -> Notice | None:
+    ) -> Iterator[Notice]:
         """Name samples that no friction explains, if there are any but those ``aside`` per run.
 
         A sample of the other direction is off by as much as the levels are apart (``least``), and
@@ -187,8 +187,8 @@ class Regression:
         """
         count, limit = self.spikes(least, aside), max(self.limit, least)
         if not count:
-            return None
-        return Notice(
+            return
+        yield Notice(
             "force-spikes",
             f"{count} of {sum(r.size for r in self.residuals)} samples lie more than {say(limit)} "
             f"off the fit and were given no weight: spikes of the {sensor}, contact at the end of "
@@ -283,9 +283,10 @@ class Estimator:
         ends = slowest_and_fastest(speeds, self.model.least_speed)
         return RiseSearch(ends, -(-speeds.size // every), solve)
 
-    def other_shape(self) -> Notice | None:
+    def other_shape(self) -> Iterator[Notice]:
         """Say that another law of the rise fits better with as many unknowns, where one does."""
-        return shape_notice(self.search) if set(STRIBECK) <= set(self.names) else None
+        if set(STRIBECK) <= set(self.names):
+            yield from shape_notice(self.search)
 
     def jacobian(self, rise: Rise) -> list[tuple[BoolArray, FloatArray]]:
         """Derivative of the target before any filter, per run: which samples, and ``(m, p)``."""

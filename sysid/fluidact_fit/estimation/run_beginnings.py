@@ -5,7 +5,7 @@ See ``docs/theory/responses.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -91,18 +91,18 @@ def unrecorded_time(
     return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
 
 
-def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> list[Notice]:
+def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> Iterator[Notice]:
     """Report how much of the runs answers to what came before them, and was left out."""
     if not begin.unrecorded:
-        return []
+        return
     runs = task.experiments
     left = sum(int(np.sum(e.time - e.time[0] < begin.unrecorded)) for e in runs)
-    return [Notice(
+    yield Notice(
         "beginning-left-out",
         f"the first {as_time(begin.unrecorded)} of every run ({left} of "
         f"{sum(e.samples for e in runs)} samples) answer to an input before the log began, and "
         "were left out. Begin recording at rest; if the logs do, give --start-state rest.",
-    )]  # fmt: skip
+    )
 
 
 def search_later(

@@ -7,7 +7,7 @@ searched for over the range of the motion first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -223,7 +223,7 @@ class RiseSearch:
         return self.solve(float(np.exp(logarithm)))
 
 
-def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:
+def shape_notice(search: Callable[[float], RiseSearch]) -> Iterator[Notice]:
     """Say that another law would fit as well with as many unknowns, where one does.
 
     ``search`` looks for the rise with an exponent of its fall: 2 is that of the law, from 0.5 to
@@ -240,7 +240,7 @@ def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:
     costs, levels = own.found
     best, level, _ = own.rise
     if level <= 0.0:
-        return None
+        return
     rivals = [
         (float(np.min(np.where(levels < 0.0, costs, np.inf))),
          "that grows faster than in proportion to the speed"),
@@ -251,10 +251,10 @@ def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:
             rivals.append((cost, f"that falls off from rest as {words}"))
     cost, words = min(rivals)
     if (cost - best) * own.samples > _TOLD_APART * best:
-        return None
+        return
     share = 100.0 * abs(cost / max(best, np.finfo(float).tiny) - 1.0)
     fits = f"better ({share:.2g} % less" if cost < best else f"as well ({share:.2g} % more"
-    return Notice(
+    yield Notice(
         "friction-shape",
         f"friction {words} would fit {fits} squared misfit) with as many unknowns: the levels "
         "and stribeck depend on the shape that is supposed. Use the law within the speeds of "

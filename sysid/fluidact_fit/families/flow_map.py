@@ -17,7 +17,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -237,7 +237,7 @@ class FlowMap(Family[FlowMapOptions]):
             },
             refusals=_never_recorded(u, q), optional=_unsaturated(u),
         )  # fmt: skip
-        notices = _notices(found, experiments[0].units["flow"], most)
+        notices = [*_notices(found, experiments[0].units["flow"], most)]
         return found.solution(self.simulate, experiments, variant, options, notices)
 
     def simulate(
@@ -360,38 +360,37 @@ def _unsaturated(u: FloatArray) -> list[Refusal]:
     ]  # fmt: skip
 
 
-def _notices(found: NamedFit, unit: str, most: float) -> list[Notice]:
+def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
     """Warn of a map that misses, and of flows that differ between rising and falling commands."""
-    out, data = [], found.data
+    data = found.data
     span, misfit = float(np.ptp(data.y)), found.misfit
     if misfit is not None and misfit.probability < 1e-6 and misfit.matters(5e-3 * span):
-        text = (
+        yield Notice(
+            "curve-misses",
             f"the map misses the flow by {misfit.rms:.3g} {unit} (RMS), while samples beside each "
             f"other scatter by {np.sqrt(misfit.within):.3g}, most of all at a command of "
-            f"{misfit.worst:.4g}: the valve has another shape. Look at the picture (--plot)."
+            f"{misfit.worst:.4g}: the valve has another shape. Look at the picture (--plot).",
         )
-        out.append(Notice("curve-misses", text))
     rising = np.concatenate([
         0.5 + 0.5 * held_direction(u, max(choose_dead_band(u), 1e-3 * most))
         for u in data.by_log(data.x[:, 0])
     ])  # fmt: skip
     ways = sorted((np.count_nonzero(rising > 0.9), np.count_nonzero(rising < 0.1)))
     if ways[1] > 0.9 * rising.size:
-        text = (
+        yield Notice(
+            "one-direction",
             "the command moves in one direction only: hysteresis of the spool cannot be seen, and "
-            "the map holds for this direction. Ramp the command up and down."
+            "the map holds for this direction. Ramp the command up and down.",
         )
-        out.append(Notice("one-direction", text))
     elif ways[0] >= 10:
         effect = found.direction_effect(rising)
         if effect.matters(2e-3 * span):
-            text = (
+            yield Notice(
+                "directions-differ",
                 f"the flow differs by {effect.width:.3g} {unit} between rising and falling "
                 f"commands, while each direction scatters by {effect.scatter:.3g}: hysteresis of "
-                "the spool, or a flow that lags behind a ramp. Ramp more slowly, or hold commands."
+                "the spool, or a flow that lags behind a ramp. Ramp more slowly, or hold commands.",
             )
-            out.append(Notice("directions-differ", text))
-    return out
 
 
 # --------------------------------------------------------------------- what a controller runs

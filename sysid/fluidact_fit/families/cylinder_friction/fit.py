@@ -135,8 +135,7 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in unknowns}
-    shape = Estimator(FrictionBalance(data), unknowns, held).other_shape()
-    notices = [*end.notices, *([shape] if shape else [])]
+    notices = [*end.notices, *Estimator(FrictionBalance(data), unknowns, held).other_shape()]
     return Fit(data, options, found, solved.renamed(source), ranges, notices)
 
 

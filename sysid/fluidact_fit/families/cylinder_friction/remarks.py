@@ -21,8 +21,8 @@ _TOLD = 4.0  # standard errors of a parameter by which logs differ beyond doubt
 def remarks(fit: Fit) -> Iterator[Notice]:
     """Everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
-    spikes = fit.found.spike_notice(2.0 * half_range(fit.data), fit.data[0].say, fit.axis.sensor)
-    yield from [spikes] if spikes else []
+    width = 2.0 * half_range(fit.data)
+    yield from fit.found.spike_notices(width, fit.data[0].say, fit.axis.sensor)
     yield from _warn_of_slow_logs(fit)
     yield from _warn_of_disagreement(fit)
     yield from _warn_of_attenuation(fit)

@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -175,20 +176,20 @@ def certificate_details(c: Certificate | None, data: Data, source: str) -> dict[
     return out
 
 
-def certificate_notice(c: Certificate | None, data: Data, source: str, target: str) -> list[Notice]:
+def certificate_notice(
+    c: Certificate | None, data: Data, source: str, target: str
+) -> Iterator[Notice]:
     """Warn of a certified place where the output falls with what it has to rise with."""
     if c is None or c.monotone(source):
-        return []
+        return
     k = c.names.index(source)
     where = ", ".join(
         f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in zip(c.names, c.worst[k], data.units)
     )
-    return [
-        Notice(
-            "not-monotone",
-            f"inside the data's range the {target} falls with rising {source} somewhere, by "
-            f"{-c.low[k]:.3g} per unit of the {source}: at {where}. A loop closed over it would "
-            "have the wrong sign there. Give other --hidden units or another --seed, or record "
-            "more data around it.",
-        )
-    ]
+    yield Notice(
+        "not-monotone",
+        f"inside the data's range the {target} falls with rising {source} somewhere, by "
+        f"{-c.low[k]:.3g} per unit of the {source}: at {where}. A loop closed over it would "
+        "have the wrong sign there. Give other --hidden units or another --seed, or record "
+        "more data around it.",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -337,70 +338,71 @@ def _with_measured_ends(
 # ------------------------------------------------------------------------- what is said of it
 
 
-def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> list[Notice]:
+def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> Iterator[Notice]:
     """Warn of a gap, or of positions that allow no curve that bends more often than this one."""
     model = model_of(fit)
     if gap := widest_gap(scaled.few.x[:, 0]):
         low, high = (scaled.low + scaled.span * t for t in gap)
-        text = (
+        yield Notice(
+            "few-positions",
             f"there are no readings between {low:.6g} and {high:.6g}, "
             f"{100.0 * (gap[1] - gap[0]):.0f} % of the range: what the curve does there follows "
             f"from its degree ({model.degree}) alone, and no interval allows for another shape. "
-            "Record positions there."
+            "Record positions there.",
         )
-        return [Notice("few-positions", text)]
+        return
     positions, highest = scaled.positions, _highest_degree(scaled, model.branches)
     given = not chosen and model.degree == highest > 1
     if model.degree < highest or highest == MOST or given:
-        return []
-    text = (
+        return
+    yield Notice(
+        "few-positions",
         f"{positions} positions cannot show whether the curve bends more often than one of degree "
         f"{model.degree}, the highest they can test: between them it may be off by far more "
         f"than the intervals say. Record {2 * model.degree + 6} positions or more, spread "
-        "over the whole range; more readings at the same positions do not help."
+        "over the whole range; more readings at the same positions do not help.",
     )
-    return [Notice("few-positions", text)]
 
 
-def _bound_notice(fit: MapFit) -> list[Notice]:
+def _bound_notice(fit: MapFit) -> Iterator[Notice]:
     """Warn of weights that rest on their bound."""
     model = model_of(fit)
     bounded = ~fit.free.reshape(model.branches, -1)[:, model.degree + 1 :]
     if not bounded.any():
-        return []
+        return
     falling = ("", " (falling)")
     names = [f"of control point {i + 1}{falling[k]}" for k, i in np.argwhere(bounded)]
     advice = "Give another --degree." if model.degree > 1 else "Give --degree 2 or more."
-    text = (
+    yield Notice(
+        "weight-at-bound",
         f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from bending "
-        f"too sharply ({', '.join(names)}); their intervals do not count. {advice}"
+        f"too sharply ({', '.join(names)}); their intervals do not count. {advice}",
     )
-    return [Notice("weight-at-bound", text)]
 
 
-def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Notice]:
+def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> Iterator[Notice]:
     """Warn of a curve that misses positions by more than their readings scatter."""
     if misfit is None or misfit.probability > 1e-6 or not misfit.matters(MATTERS):
-        return []
+        return
     reading = f"{scaled.low + misfit.worst * scaled.span:.6g}{after_number(unit)}"
     common = (
         ", or the reference at a position is off by that much, which more readings there do not "
         "mend" if misfit.at_rest else ""
     )  # fmt: skip
-    text = (
+    yield Notice(
+        "curve-misses",
         f"the curve misses the readings by {scaled.words(misfit.rms)} (RMS), while readings "
         f"beside each other scatter by {scaled.words(float(np.sqrt(misfit.within)))}, most of all "
         f"at a reading of {reading}: it cannot follow the sensor{common}. "
         "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
-        "(--rails)."
+        "(--rails).",
     )
-    return [Notice("curve-misses", text)]
 
 
-def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
+def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> Iterator[Notice]:
     """Warn of one curve for two directions that differ by more than their scatter."""
     if model_of(fit).branches > 1:
-        return []
+        return
     tremble = 8.0 * max(
         noise_floor(all_of(x, where_finite(x))) for x in (data.reading[p] for p in data.parts)
     )
@@ -408,25 +410,26 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> list[Notice]:
     ways = sorted((np.count_nonzero(share > 0.9), np.count_nonzero(share < 0.1)))
     if ways[0] < 10:
         if ways[0] or ways[1] <= 0.9 * share.size or scaled.edges is not None:
-            return []  # some go back at least, or are at rest
-        text = (
+            return  # some go back at least, or are at rest
+        yield Notice(
+            "one-direction",
             "the reading moves in one direction only: whether it depends on the direction, by "
             "play in the coupling or a delay between the two signals, cannot be seen, and the "
-            "curve holds for this direction. Record strokes to and fro."
+            "curve holds for this direction. Record strokes to and fro.",
         )
-        return [Notice("one-direction", text)]
+        return
     # of the reading before: one that is too high by chance both looks like rising and lies
     # beside the curve
     shares = [np.append(s[:1], s[:-1]) for s in data.by_log(share)]
     jacobian, rest = scaled.rows.slopes(fit), scaled.rows.residual(fit)
     effect = find_direction_effect(data.by_log(jacobian), data.by_log(rest), shares)
     if not effect.matters(0.5 * MATTERS):
-        return []
-    text = (
+        return
+    yield Notice(
+        "directions-differ",
         f"at one reading the reference differs by {scaled.words(effect.width)} between rising "
         f"and falling readings, while each direction scatters by "
         f"{scaled.words(effect.scatter)}: one curve for both is off by half of that or more. "
         "Give --branches=two, or look for play in the coupling and for a delay between the two "
-        "signals."
+        "signals.",
     )
-    return [Notice("directions-differ", text)]

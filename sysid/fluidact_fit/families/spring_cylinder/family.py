@@ -309,9 +309,7 @@ def _remarks(fit: Fit, runs: Sequence[Run], variant: Variant) -> Iterator[Notice
     found, solved = fit.found, fit.solved
     width = sum(abs(solved.values[n]) for n in LEVELS) + 2.0 * solved.values.get("stribeck", 0.0)
     turning = [d.turning for d in runs]
-    spikes = found.spike_notice(width, lambda force: f"{force:.3g} N", "load cell", turning)
-    if spikes:
-        yield spikes
+    yield from found.spike_notices(width, lambda force: f"{force:.3g} N", "load cell", turning)
     if fit.equal:
         yield Notice(
             "levels-equal",

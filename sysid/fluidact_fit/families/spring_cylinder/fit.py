@@ -87,8 +87,7 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
     source = {n: EQUAL if EQUAL in found.free.names and n in LEVELS else n for n in specs}
     solved = replace(found.free.renamed(source), fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in found.free.names}
-    shape = estimator(held).other_shape()
-    return Fit(found, solved, [*end.notices, *([shape] if shape else [])])
+    return Fit(found, solved, [*end.notices, *estimator(held).other_shape()])
 
 
 def _out_of_reach(
