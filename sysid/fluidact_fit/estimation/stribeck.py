@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray
 from ..options import choice
-from ..specification import ParameterSpec, Simulate, UnmodelledEffect
+from ..specification import ParameterSpec, Simulate, Structure, UnmodelledEffect
 from .price import simulated
 from .results import Refusal, Solved
 
@@ -33,6 +33,12 @@ _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^
 _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "
     "leave --stribeck out if it does not rise towards rest."
+)
+FRICTION_STRUCTURES = (
+    Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
+    Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
+    Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
+    Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
 )
 
 

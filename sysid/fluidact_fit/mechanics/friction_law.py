@@ -21,16 +21,18 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import Notice
 from ..experiment import FloatArray
 from ..routines import Expression, by_sign, choose, constant, exp
 from ..routines.expression import Operand
+from ..specification import Quantity
 
 _TOLD = 4.0  # standard errors of half the difference of two levels that is beyond doubt
 _NOTABLE = 0.015  # part of their mean that it has to be to matter
@@ -183,14 +185,38 @@ class FrictionLaw:
         return level + constant(f"rise_{side}", sign * rise) * exp(-(share * share))
 
 
-def levels_differ(half: float, error: float, mean: float) -> bool:
-    """Return whether two Coulomb levels differ beyond doubt, and by enough to matter.
+def mean_and_offset(values: Mapping[str, float]) -> dict[str, float]:
+    """Mean of the two Coulomb levels, and half their difference [N or N m]."""
+    positive, negative = values["coulomb_positive"], values["coulomb_negative"]
+    return {
+        "coulomb_mean": 0.5 * (positive + negative),
+        "coulomb_offset": 0.5 * (positive - negative),
+    }
+
+
+def warn_of_levels(
+    code: str, derived: Mapping[str, Quantity], drive: str, same: str, remedy: str
+) -> Iterator[Notice]:
+    """Tell of Coulomb levels that differ beyond doubt and by enough to matter.
+
+    A constant force gives the same: ``F_c+ [v > 0] - F_c- [v < 0]`` is
+    ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
 
     Parameters
     ----------
-    half, error
-        Half their difference, and its standard error.
-    mean
-        Their mean, in the same unit.
+    derived
+        :func:`mean_and_offset` with their errors.
+    drive, same
+        What moves the axis, and where a constant part of it may come from.
     """
-    return abs(half) > max(_TOLD * error, _NOTABLE * abs(mean))
+    half, mean = derived["coulomb_offset"].number, derived["coulomb_mean"].number
+    unit = derived["coulomb_mean"].unit
+    error = float(np.max(derived["coulomb_offset"].std_error or 0.0))
+    if abs(half) > max(_TOLD * error, _NOTABLE * abs(mean)):
+        yield Notice(
+            code,
+            f"the Coulomb levels differ by {2.0 * half:+.3g} {unit} ({abs(200.0 * half / mean):.0f}"
+            f" % of their mean, {mean:.4g} {unit}, which is measured either way). A constant "
+            f"{drive} of {half:+.3g} {unit} ({same}) gives the same, and no motion can tell the "
+            f"two apart. {remedy}",
+        )

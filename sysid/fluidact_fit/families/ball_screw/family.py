@@ -29,6 +29,7 @@ from typing import Any
 
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
+from ...estimation.stribeck import FRICTION_STRUCTURES
 from ...experiment import Experiment, Hold
 from ...family import (
     Excitation,
@@ -42,7 +43,6 @@ from ...family import (
     Role,
     Simulated,
     Solution,
-    Structure,
     UnmodelledEffect,
     Variant,
 )
@@ -123,12 +123,7 @@ class BallScrew(Family[BallScrewOptions]):
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
-    structures = (
-        Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
-        Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
-        Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
-        Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
-    )
+    structures = FRICTION_STRUCTURES
     examined = 40_000
     next_experiment = Excitation("command")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from ...family import (
     Variant,
     make_solution,
 )
-from ...mechanics.friction_law import levels_differ
+from ...mechanics.friction_law import mean_and_offset, warn_of_levels
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_record import drive_notices, with_drive_errors
 from .levels import Bracket, find_levels, hold_levels, refine_levels
@@ -136,14 +136,21 @@ def _finish(
         specs_of_file(variant, fitted.values, stage.resting)
     )
     table, drift = fitted.compare_logs(experiments)
-    derived = derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit)
+    drive = stage.axis.drive
+    derived = derived_numbers(solved, stage.axis.inertia, variant.role(drive).unit)
     last = "position, speed and acceleration" if beyond else "position"
     notices = [
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
         *drive_notices(stage.axis, experiments),
         *([beyond_notice(SPEED in parameters)] if beyond else []),
-        *_levels_or_offset(derived, stage.axis.drive),
+        *warn_of_levels(
+            "levels-or-offset",
+            derived,
+            drive,
+            "the zero of the amplifier or sensor, weight",
+            f"Log the {drive} at rest, unloaded: if it shows zero, the levels do differ.",
+        ),
     ]
     return make_solution(
         simulate,
@@ -158,21 +165,6 @@ def _finish(
         notices=notices,
         details={**fitted.details(), **table, "stages": ["inverse dynamics", "levels", last]},
     )
-
-
-def _levels_or_offset(derived: Mapping[str, Quantity], drive: str) -> Iterator[Notice]:
-    """Tell of levels that differ: a constant drive gives the same in every motion."""
-    half, mean = derived["coulomb_offset"], derived["coulomb_mean"].number
-    error = float(np.max(half.std_error or 0.0))
-    if levels_differ(half.number, error, mean):
-        yield Notice(
-            "levels-or-offset",
-            f"the Coulomb levels differ by {2.0 * half.number:+.3g} {half.unit} "
-            f"({abs(200.0 * half.number / mean):.0f} % of their mean, which is measured either "
-            f"way). A constant {drive} of {half.number:+.3g} {half.unit} (the zero of the "
-            "amplifier or sensor, weight) gives the same, and no motion can tell the two apart. "
-            f"Log the {drive} at rest, unloaded: if it shows zero, the levels do differ.",
-        )
 
 
 def _sensible(stage: Stage) -> dict[str, float]:
@@ -242,11 +234,7 @@ def derived_numbers(solved: Solved, inertia: str, unit: str) -> dict[str, Quanti
     coasts = solved.values.get("viscous", 0.0) > 0.0
 
     def function(v: Values) -> Values:
-        forward, backward = (v[f"coulomb_{s}"] for s in SIDES)
-        levels = {
-            "coulomb_mean": 0.5 * (forward + backward),
-            "coulomb_offset": 0.5 * (forward - backward),
-        }
+        levels = mean_and_offset(v)
         return {**levels, "time_constant": v[inertia] / v["viscous"]} if coasts else levels
 
     units = {"coulomb_mean": unit, "coulomb_offset": unit, "time_constant": "s"}

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Curve, PhysicsView, Plant, Simulated
+from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.local_motion import local_motion
-from .model import BREAKAWAY, SIDES, SPEED, Axis, BallScrewOptions, axis_of
+from .model import SIDES, Axis, BallScrewOptions, axis_of
 
 _AROUND = 3  # samples on either side that have to move the same way
 _STUCK = 0.01  # of the highest speed
@@ -30,7 +31,7 @@ def friction_view(
     parts = [_measured(e, s, axis, v) for e, s in zip(experiments, simulated, strict=True)]
     speed, friction = (np.concatenate(part) for part in zip(*parts))
     top = float(np.nanmax(np.abs(speed), initial=0.0)) or 1.0
-    laws = [_law(side, sign, v, top) for side, sign in zip(SIDES, (1.0, -1.0))]
+    laws = [_law(FrictionLaw.of(v), way, top) for way in (1.0, -1.0)]
     kinetic, static = (_joined(pairs) for pairs in zip(*laws))
     units = experiments[0].units
     return PhysicsView(
@@ -67,17 +68,11 @@ def _alike(speed: FloatArray, stuck: float) -> BoolArray:
 
 
 def _law(
-    side: str, sign: float, v: dict[str, float], top: float
+    law: FrictionLaw, way: float, top: float
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     """Kinetic friction over speed in one direction, and a mark at its static level."""
-    speed = np.linspace(0.0, top, 400)
-    kinetic = v.get(f"coulomb_{side}", 0.0)
-    static = v.get(BREAKAWAY[side], kinetic)
-    fall = np.exp(-((speed / v[SPEED]) ** 2)) if v.get(SPEED) else np.zeros(speed.size)
-    viscous = v.get("viscous", v.get(f"viscous_{side}", 0.0))
-    law = kinetic + (static - kinetic) * fall + viscous * speed
-    mark = np.array([-_HALF_WIDTH, _HALF_WIDTH]) * top
-    return (sign * speed, sign * law), (mark, np.full(2, sign * static))
+    speed, mark = way * np.linspace(0.0, top, 400), np.array([-_HALF_WIDTH, _HALF_WIDTH]) * top
+    return (speed, law.moving(speed, way)), (mark, np.full(2, law.at_rest(way * np.inf)))
 
 
 def _joined(pairs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:

@@ -36,7 +36,7 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import check_request
 from ...estimation.regression import Estimator
-from ...estimation.stribeck import STRIBECK, Rise, rise_words, stribeck_specs
+from ...estimation.stribeck import FRICTION_STRUCTURES, STRIBECK, Rise, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
@@ -52,7 +52,6 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
-    Structure,
     Variant,
     make_solution,
 )
@@ -185,12 +184,7 @@ class CylinderFriction(Family[FrictionOptions]):
         for motion in (axis.speed, axis.place)
     )
     options_type = FrictionOptions
-    structures = (
-        Structure("symmetric viscous friction", {"viscous": "symmetric", "stribeck": "none"}),
-        Structure("asymmetric viscous friction", {"viscous": "asymmetric", "stribeck": "none"}),
-        Structure("symmetric, Stribeck", {"viscous": "symmetric", "stribeck": "estimate"}),
-        Structure("asymmetric, Stribeck", {"viscous": "asymmetric", "stribeck": "estimate"}),
-    )
+    structures = FRICTION_STRUCTURES
     steady_offset = True
 
     def estimate(

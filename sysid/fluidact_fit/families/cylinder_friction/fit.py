@@ -14,6 +14,7 @@ from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
+from ...mechanics.friction_law import mean_and_offset
 from .axis import LINEAR, Axis
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .samples import (
@@ -70,11 +71,7 @@ class Fit:
         offsets = [n for n in self.solved.names if n.startswith("offset")]
 
         def function(v: Mapping[str, float]) -> dict[str, float]:
-            positive, negative = (v[n] for n in LEVELS)
-            out = {}
-            if known:
-                out["coulomb_mean"] = 0.5 * (positive + negative)
-                out["coulomb_offset"] = 0.5 * (positive - negative)
+            out = mean_and_offset(v) if known else {}
             if offsets:
                 out[self.offset] = sum(v[n] for n in offsets) / len(offsets)
             return out

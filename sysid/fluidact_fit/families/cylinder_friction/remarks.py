@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...mechanics.friction_law import FrictionLaw, levels_differ
+from ...mechanics.friction_law import FrictionLaw, warn_of_levels
 from .axis import LINEAR
 from .filters import DEGREE
 from .fit import Fit, levels_impossible
@@ -67,29 +67,17 @@ def _explain_levels(fit: Fit) -> Iterator[Notice]:
 
 
 def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
-    """Warn of levels that differ: a constant force gives the same.
-
-    ``F_c+ [v > 0] - F_c- [v < 0]`` is ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
-    """
-    found = fit.derived()
+    """Warn of levels that differ."""
+    derived, sensor = fit.derived(), fit.axis.sensor
     if len(fit.solved.refused.keys() & {*ONE_SIDED}) == 1:
         return  # the level of that direction has viscous friction in it, the other has not
-    if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
-        return
-    half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
-    error = float(np.max(found["coulomb_offset"].std_error or 0.0))
-    if not levels_differ(half, error, mean):
-        return
-    share, unit = abs(200.0 * half / mean), fit.axis.force_unit
-    yield Notice(
-        "asymmetry-or-offset",
-        f"the Coulomb levels differ by {2.0 * half:+.3g} {unit} ({share:.0f} % of their mean, "
-        f"{mean:.4g} {unit}, which is measured either way). A constant {fit.axis.drive} of "
-        f"{half:+.3g} {unit} (the zero of the {fit.axis.sensor}, a converter that truncates, "
-        "weight, a preload) gives the same, and no stroke can tell the two apart. Read the "
-        f"{fit.axis.sensor} unloaded: if it shows zero, give --offset=none; if friction is known "
-        "to be the same both ways, give --offset=estimate.",
-    )
+    if all(n in fit.solved.names for n in LEVELS) and "coulomb_offset" in derived:
+        yield from warn_of_levels(
+            "asymmetry-or-offset", derived, fit.axis.drive,
+            f"the zero of the {sensor}, a converter that truncates, weight, a preload",
+            f"Read the {sensor} unloaded: if it shows zero, give --offset=none; if friction is "
+            "known to be the same both ways, give --offset=estimate.",
+        )  # fmt: skip
 
 
 def _warn_of_slow_logs(fit: Fit) -> Iterator[Notice]:
