@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,14 +20,6 @@ from .whitening import Whitening
 BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]
 _CHANGED = 2.0  # standard errors of a change that is no difference of two estimates by chance
 _LEFT = 0.5  # standard errors of a remaining bias that are worth a warning
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """One corrected fit with some parameters held."""
-
-    found: Corrected
-    solved: Solved
 
 
 def correct_named(
@@ -54,14 +46,14 @@ def correct_named(
         refused.
     """
 
-    def solve_with(held: Mapping[str, float]) -> _Attempt:
+    def solve_with(held: Mapping[str, float]) -> tuple[Corrected, Solved]:
         exact = build(held, noise.experiments, ())
         found = correct(noise, partial(build, held), exact.vector(fitted.values))
         values = {**fitted.values, **held, **exact.named(found.eta)}
-        return _Attempt(found, Solved(values, exact.names, found.covariance, fitted.degrees))
+        return found, Solved(values, exact.names, found.covariance, fitted.degrees)
 
-    def undetermined(attempt: _Attempt) -> list[Refusal]:
-        solved = attempt.solved
+    def undetermined(attempt: tuple[Corrected, Solved]) -> list[Refusal]:
+        _, solved = attempt
         near = [
             no_effect(fitted.specs[n], value, fitted.unknowns[n].low)
             for n, value in idle.items() if n in solved.names
@@ -72,7 +64,7 @@ def correct_named(
     # what exact inputs leave undetermined, noisy ones do too; it may act on nothing at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())
     done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=every)
-    solved, found = done.solution.solved, done.solution.found
+    found, solved = done.solution
     values = {**solved.values, **fitted.fixed}
     values |= {n: r.value(fitted.specs[n]) for n, r in done.refused.items()}
     kept = [n for n in fitted.notices if n.code != "not-identified"]

@@ -69,17 +69,12 @@ def fit_drive(
 
 @dataclass(frozen=True)
 class _Found:
-    """A finished fit of the position, and what was compared in it."""
+    """A fit of the position; speed and acceleration count as well under forces ``beyond`` it."""
 
     stage: Stage
     brackets: Mapping[str, Bracket]
     fitted: Fitted
-    weights: Sequence[FloatArray]
-
-    @property
-    def beyond(self) -> bool:
-        """Return whether forces beyond the model made speed and acceleration count as well."""
-        return bool(self.weights)
+    beyond: bool
 
 
 def _fit_position(
@@ -118,7 +113,7 @@ def _fit_position(
         refusals=begin.refusals,
         sensible=_sensible(begin),
     )
-    return _Found(begin, inside, fitted, weights)
+    return _Found(begin, inside, fitted, beyond)
 
 
 def _finish(
