@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from math import erfc, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from ..rows import square_sum
+from .least_squares import scaled_inverse
 from .uncertainty import covariance
 
 
@@ -125,17 +125,8 @@ def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
     return np.asarray(_inverse(information)[0] @ score)
 
 
-def _inverse(information: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Inverse where there is one, and which parameters hang on what has none.
-
-    Parameters differ by many orders of magnitude: they are scaled before it is judged.
-    """
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    told = values > 1e-10 * values.max()
-    vague = np.any(np.abs(vectors[:, ~told]) > 1e-4, axis=1) | (np.diag(information) <= 0.0)
-    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
-    return found / np.outer(scale, scale), vague
+def _inverse(information: FloatArray) -> tuple[FloatArray, BoolArray]:
+    return scaled_inverse(information, 1e-10, 1e-4)
 
 
 def _drift(

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..experiment import FloatArray
 from ..specification import Information
-from .least_squares import project_out
+from .least_squares import project_out, scaled_inverse
 from .named_model import NamedModel, Values
 from .problem import Basis, differentiate
 
@@ -62,16 +62,9 @@ def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Inform
 
 def cramer_rao(normal: FloatArray) -> FloatArray:
     """Inverse of an information matrix, shape ``(p, p)``; infinite where there is none."""
-    scale = np.sqrt(np.diag(normal))
-    blind = ~(scale > 0.0)
-    scale = np.where(blind, 1.0, scale)
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    seen = values > 1e-13 * max(values.max(initial=0.0), 1e-300)
-    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
-    lost = np.any(np.abs(vectors[:, ~seen]) > 1e-6, axis=1) | blind
-    out = inverse / np.outer(scale, scale)
+    out, lost = scaled_inverse(normal, 1e-13, 1e-6)
     out[lost, lost] = np.inf
-    return np.asarray(out)
+    return out
 
 
 def optimal_measure(rows: FloatArray, scales: FloatArray, criterion: str | int) -> FloatArray:

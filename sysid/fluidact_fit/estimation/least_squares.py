@@ -76,6 +76,20 @@ def solve_normal(normal: FloatArray, right: FloatArray, rcond: float = 1e-12) ->
     return np.asarray(found / scale)
 
 
+def scaled_inverse(matrix: FloatArray, least: float, part: float) -> tuple[FloatArray, BoolArray]:
+    """Inverse ``(p, p)`` where there is one, and which unknowns hang on a direction without.
+
+    Unknowns of any size are scaled first. A direction without has less than ``least`` of the
+    largest eigenvalue; an unknown hangs on it that is more than ``part`` of it.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    known = values > least * values.max(initial=0.0)
+    vague = np.any(np.abs(vectors[:, ~known]) > part, axis=1) | (np.diag(matrix) <= 0.0)
+    found = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    return found / np.outer(scale, scale), vague
+
+
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
