@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -190,6 +190,25 @@ def make_unknowns(
         low, high = request.bounds.get(name, (low, high))
         out[name] = Unknown(name, low, high, abs(scales.get(name, 1.0)) or 1.0)
     return out
+
+
+def check_form(
+    given: Collection[str], form: str, names: Collection[str], option: str, chosen: str
+) -> None:
+    """Reject numbers of ``form``, or of one of its directions, where it is not among ``names``.
+
+    Raises
+    ------
+    UsageError
+        Naming the ``option`` that decides, of which ``chosen`` was given.
+    """
+    for name in (form, f"{form}_negative", f"{form}_positive"):
+        if name in given and name not in names:
+            other = "symmetric" if name == form else "asymmetric"
+            raise UsageError(
+                f"{name} is no parameter with --{option}={chosen}",
+                remedy=f"Give --{option}={other}, or leave {name} out.",
+            )
 
 
 def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions]) -> None:

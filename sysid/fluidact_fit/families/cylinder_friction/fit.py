@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
+from ...estimation.named_model import check_form
 from ...estimation.regression import Estimator, Regression
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import free_names, undetermined
@@ -87,7 +88,7 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     An error where the forces cannot be those of friction, or nothing is left to estimate.
     """
     options, fixed, moved = request.options, request.fixed, sides_moved(data)
-    _check_rates(options, (*fixed, *request.bounds))
+    check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
     asked = options.offset == "estimate" or options.force_offset is True
     if not asked and not fixed:
         _check_signs(data, moved)
@@ -134,17 +135,6 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     held = {n: v for n, v in found.free.values.items() if n not in unknowns}
     notices = [*end.notices, *Estimator(FrictionBalance(data), unknowns, held).other_shape()]
     return Fit(data, options, found, solved.renamed(source), ranges, notices)
-
-
-def _check_rates(options: FrictionOptions, given: Sequence[str]) -> None:
-    """Refuse a number for a viscous coefficient that is not one of this fit."""
-    for name in given:
-        if name in ("viscous", *ONE_SIDED) and name not in options.rates:
-            other = "symmetric" if name == "viscous" else "asymmetric"
-            raise UsageError(
-                f"--fix or --bounds {name} means nothing with --viscous={options.viscous}",
-                remedy=f"Give --viscous={other}, or name {' and '.join(options.rates)}.",
-            )
 
 
 def _of(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import Notice, UsageError
 from ...estimation.discrete import discretise
-from ...estimation.named_model import NamedModel, Values, check_request
+from ...estimation.named_model import NamedModel, Values, check_form, check_request
 from ...estimation.noise import white_noise
 from ...estimation.parametric import Fitted
 from ...estimation.response_model import Beginning, Plan, ResponseModel, ResponseTask
@@ -355,13 +355,7 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
 def _check_dead_zone(request: Request[MotorOptions]) -> None:
     """Refuse numbers of the dead zone that do not go together."""
     options, given = request.options, {**request.fixed, **request.start, **request.bounds}
-    for name in ("dead_zone", *EDGES):
-        if name in given and name not in edge_names(options):
-            other = "symmetric" if name == "dead_zone" else "asymmetric"
-            raise UsageError(
-                f"{name} is no parameter with --dead-zone={options.dead_zone}",
-                remedy=f"Give --dead-zone={other}, or leave {name} out.",
-            )
+    check_form(given, "dead_zone", edge_names(options), "dead-zone", options.dead_zone)
     free = options.command_offset == "estimate" and OFFSET not in request.fixed
     if options.dead_zone == "asymmetric" and free:
         raise UsageError(
