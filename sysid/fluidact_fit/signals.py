@@ -56,3 +56,9 @@ def smooth(values: FloatArray, sample_time: float, half_width: int, degree: int 
     inside[values.size - half_width :] = False
     curvature = rows[2] if degree >= 2 else np.zeros(values.size)
     return Smoothed(rows[0], rows[1] / sample_time, 2.0 * curvature / sample_time**2, inside)
+
+
+def rise_and_fall(values: FloatArray) -> tuple[float, float]:
+    """Largest rise above an earlier value, and largest fall below one; ``values`` is ``(n,)``."""
+    rise = float(np.max(values - np.minimum.accumulate(values)))
+    return rise, float(np.max(np.maximum.accumulate(values) - values))

@@ -57,6 +57,7 @@ from ..family import (
 )
 from ..options import settled
 from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
+from ..signals import rise_and_fall
 
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
@@ -470,8 +471,7 @@ def _inside(plant: Plant[Any], experiments: Sequence[Experiment], simulate: Any)
 
 def _way_back(values: FloatArray) -> float:
     """Largest way that is gone in both directions."""
-    up = values - np.minimum.accumulate(values)
-    return float(min(up.max(), (np.maximum.accumulate(values) - values).max()))
+    return min(rise_and_fall(values))
 
 
 def _refuse_rest(model: PlayModel, variant: Variant, e: Experiment, given: Values) -> None:

@@ -22,6 +22,7 @@ from ...estimation.results import Refusal, Solved
 from ...estimation.separable import profile, solve
 from ...experiment import Experiment
 from ...options import choice
+from ...signals import rise_and_fall
 from ...specification import Request
 
 SATURATION, OFFSET = "saturation_command", "command_offset"
@@ -139,8 +140,8 @@ def _turns_both_ways(experiments: Sequence[Experiment]) -> bool:
             forward, backward = max(forward, e["speed"].max()), max(backward, -e["speed"].min())
             continue
         y = next(e[role] for role in e.signals if role != "command")
-        forward = max(forward, float(np.max(y - np.minimum.accumulate(y))))
-        backward = max(backward, float(np.max(np.maximum.accumulate(y) - y)))
+        rise, fall = rise_and_fall(y)
+        forward, backward = max(forward, rise), max(backward, fall)
     return min(forward, backward) > _TRIFLE * max(forward, backward)
 
 
@@ -169,6 +170,12 @@ def plan_motor(
     )
 
 
+def curve_axes(top: float) -> dict[str, list[float]]:
+    """Values to try of every parameter of the curve; ``top`` is the highest command."""
+    size = {"curvature": 1.0 / top, EDGES[0]: -top}
+    return {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items()}
+
+
 def start_motor(
     task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
 ) -> list[dict[str, float]]:
@@ -179,8 +186,8 @@ def start_motor(
     problem, unknowns = task.problem(experiments, begin), task.unknowns
     free = problem.names
     top = 1.0 / unknowns["curvature"].scale
-    size = {"curvature": 1.0 / top, EDGES[0]: -top}
-    values = {n: shares[0] * size.get(n, top) for n, shares in SHARES.items()}
+    curves = curve_axes(top)
+    values = {n: axis[0] for n, axis in curves.items()}
     middle = middle_of_commands(task.experiments, task.request)
     middles = (middle + top * np.array(MIDDLES)).tolist() if OFFSET in free else [middle]
     step, late = unknowns["dead_time"].scale, unknowns["dead_time"].high
@@ -197,7 +204,6 @@ def start_motor(
     values = {**values, **task.held, "time_constant": slow[0], "dead_time": lags[0]}
     values |= {OFFSET: middle} if OFFSET in task.plan.names else {}
     values = rank(time_constant=slow.tolist(), dead_time=lags.tolist(), **{OFFSET: middles})[0]
-    curves = {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items()}
     if SATURATION not in free:
         return rank(**curves)[:2]
     # a search that slides to the last command sees no saturation any more: one from each
@@ -300,9 +306,6 @@ def _one_way(experiments: Sequence[Experiment], middle: float) -> list[Refusal]:
     """
     top = highest_command(experiments, middle)
     for e in experiments:
-        u = np.abs(e.sampled("command") - middle)
-        up = float(np.max(u - np.minimum.accumulate(u)))
-        down = float(np.max(np.maximum.accumulate(u) - u))
-        if min(up, down) > 0.25 * top:
+        if min(rise_and_fall(np.abs(e.sampled("command") - middle))) > 0.25 * top:
             return []
     return [Refusal("hysteresis", "every log moves the command in one direction only.")]

@@ -19,13 +19,12 @@ from ...experiment import Array, Experiment, FloatArray
 from ...specification import Request, Variant
 from .equation import play, static_speed
 from .fit import (
-    EDGES,
     MIDDLES,
     OFFSET,
     SATURATION,
-    SHARES,
     SIGNIFICANT,
     MotorOptions,
+    curve_axes,
     highest_command,
     is_reached,
     middle_of_commands,
@@ -122,8 +121,7 @@ def _starts(
     """Best of a grid of curves; the gain follows from each."""
     middle = middle_of_commands(experiments, request)
     top = highest_command(experiments, middle)
-    size = {EDGES[0]: -top, "curvature": 1.0 / top}
-    axes = {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items() if n in names}
+    axes = {n: axis for n, axis in curve_axes(top).items() if n in names}
     if OFFSET in names:
         axes[OFFSET] = [middle + s * top for s in MIDDLES]
     axes |= {n: [v] for n, v in request.fixed.items() if n in axes}
