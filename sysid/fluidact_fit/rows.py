@@ -13,12 +13,19 @@ BoolArray = npt.NDArray[np.bool_]
 Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 
 BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
+LONG = 200_000  # samples of a series that its autocorrelation is judged by
 
 
 def blocks(rows: int) -> Iterator[slice]:
     """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
     for begin in range(0, max(rows, 1), BLOCK_ROWS):
         yield slice(begin, min(begin + BLOCK_ROWS, rows))
+
+
+def middle_of(samples: int, most: int = LONG) -> slice:
+    """The middle of a long series, which shows its autocorrelation as well as the whole."""
+    begin = max((samples - most) // 2, 0)
+    return slice(begin, min(begin + most, samples))
 
 
 def evenly(first: float, step: float, count: int) -> FloatArray:

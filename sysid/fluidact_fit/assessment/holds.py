@@ -13,7 +13,7 @@ from ..errors import Notice
 from ..estimation.blocks import joined
 from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
-from ..estimation.solution import moved, number
+from ..estimation.solution import base_name, moved, number
 from ..experiment import Hold, Signal
 from ..family import FamilyOptions, Plant, Value
 from ..outcome import Simulation
@@ -85,7 +85,7 @@ def _explains_forces(at: Optimum, t: _Shift) -> bool:
     Where more was compared than the output the residual holds forces as well: it has to shrink,
     with every parameter in its range.
     """
-    spec, value = at.variant.parameter(t.parameter.partition("[")[0]), number(at.plant, t.parameter)
+    spec, value = at.variant.parameter(base_name(t.parameter)), number(at.plant, t.parameter)
     return t.left <= policy.HOLD_EXPLAINS and spec.minimum <= value + t.shift <= spec.maximum
 
 
@@ -143,7 +143,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
 
 def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> float:
     """A change of a parameter that keeps it in its physical range."""
-    spec, now = at.variant.parameter(name.partition("[")[0]), number(plant, name)
+    spec, now = at.variant.parameter(base_name(name)), number(plant, name)
     return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
 
 
@@ -154,7 +154,7 @@ def _hold_notice(
     moves = abs(found.standard_errors) > policy.TERM_MOVES
     if not moves or found.evidence > policy.HOLD_EVIDENCE:
         return None
-    value = values[found.parameter.split("[")[0]]
+    value = values[base_name(found.parameter)]
     share = as_share(found.shift, value) if isinstance(value, float) else ""
     taken, better = _WORDS[found.hold], _WORDS[found.other]
     if found.evidence < -policy.HOLD_EVIDENCE:

@@ -16,9 +16,9 @@ import numpy as np
 
 from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import explain, scaled_least_squares
-from ..estimation.uncertainty import covariance, fit_autoregression, innovations, middle_of
+from ..estimation.uncertainty import covariance, fit_autoregression, innovations
 from ..experiment import FloatArray
-from ..rows import blocks, side_by_side
+from ..rows import blocks, middle_of, side_by_side
 from . import policy
 
 _ORDER = 25  # highest of the autoregression that whitens the residual

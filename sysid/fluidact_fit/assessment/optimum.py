@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..estimation.solution import moved, number
+from ..estimation.solution import base_name, moved, number
 from ..estimation.uncertainty import covariance
 from ..experiment import (
     BoolArray,
@@ -282,7 +282,7 @@ class Optimum:
 
     def unit(self, name: str) -> str:
         """Unit of a parameter as it follows its value in a text."""
-        return after_number(self.solution.parameters[name.partition("[")[0]].unit)
+        return after_number(self.solution.parameters[base_name(name)].unit)
 
     def place(self, series: int, row: int) -> str:
         """Describe the place of a used sample: log, instant or number, and channel if several."""

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.converter_errors import is_coarse
 from ..estimation.least_squares import scaled_least_squares
+from ..estimation.solution import base_name
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from ..units import as_share, as_time
@@ -221,7 +222,7 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> Iterator[Notice]:
     """Name the parameter that a channel one sample late changes most, unseen."""
     unseen: list[tuple[float, str, float, Score]] = []
     for s in scores:
-        spec = at.variant.parameter(s.parameter.partition("[")[0])
+        spec = at.variant.parameter(base_name(s.parameter))
         if not s.term.sampled or not s.size or not s.deviations or spec.unit == "s":
             continue  # what is a time itself is known no better than the instants
         samples = s.term.sampled / abs(s.size)
@@ -243,7 +244,7 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> Iterator[Notice]:
 
 
 def _notice(at: Optimum, s: Score) -> Notice:
-    value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
+    value, spec = at.number(s.parameter), at.variant.parameter(base_name(s.parameter))
     if not s.moves:
         text = (
             "No straight line holds over its whole range; the parameters are those of a mean one."

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
+from ..rows import middle_of
 from .noise import white_level
 from .spline import FEWEST, cubic_pieces
 
@@ -83,7 +84,7 @@ def is_smooth(signals: Sequence[Signal]) -> bool:
     cubic = line = noise = power = doubt = 0.0
     samples = 0
     for signal in signals:
-        at = _middle(signal.values.size)
+        at = middle_of(signal.values.size, _ENOUGH)
         time, values = signal.time[at], signal.values[at]
         if values.size < _FEWEST_TOLD:
             continue
@@ -100,12 +101,6 @@ def is_smooth(signals: Sequence[Signal]) -> bool:
     better = _CLEARLY * line - cubic + known * noise
     chance = np.hypot(_SPREAD_OF_BOTH * noise / np.sqrt(max(samples, 1)), known * doubt)
     return bool(better > -_SURE * chance)
-
-
-def _middle(samples: int) -> slice:
-    """A part of a long record that is told from as well as from all of it."""
-    begin = max((samples - _ENOUGH) // 2, 0)
-    return slice(begin, min(begin + _ENOUGH, samples))
 
 
 def _prediction_errors(time: FloatArray, values: FloatArray) -> tuple[float, float]:

@@ -26,15 +26,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, square_sum
+from ..rows import blocks, middle_of, square_sum
 from .blocks import condense
 from .least_squares import scaled_least_squares
 from .minimise import Minimum, minimise
 from .motion_state import running_median
 from .price import exhausted, simulated
-from .uncertainty import Uncertainty, covariance, enlarge, middle_of
+from .uncertainty import Uncertainty, covariance, enlarge
 
 AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
+_BEYOND_DOUBT = 1e-6  # probability of a ratio of mean squares that is worth a warning
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
 _BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
@@ -315,6 +316,12 @@ def widest_gap(x: FloatArray) -> tuple[float, float] | None:
 # --------------------------------------------------------------------- what a map leaves over
 
 
+def count_ways(rising: FloatArray) -> tuple[int, int]:
+    """Samples of the rarer and of the more frequent direction; ``rising`` is 0 to 1, ``(n,)``."""
+    up, down = int(np.count_nonzero(rising > 0.9)), int(np.count_nonzero(rising < 0.1))
+    return min(up, down), max(up, down)
+
+
 @dataclass(frozen=True)
 class Misfit:
     """Residuals by position: mean squares between and within positions [2]_.
@@ -337,6 +344,10 @@ class Misfit:
     def matters(self, least: float) -> bool:
         """Return whether the miss is larger than the scatter, and than what is worth saying."""
         return self.rms > least and self.rms**2 > self.within
+
+    def is_sure(self, least: float) -> bool:
+        """Return whether the miss matters and is no chance, which a warning of it takes."""
+        return self.probability < _BEYOND_DOUBT and self.matters(least)
 
 
 def find_misfit(

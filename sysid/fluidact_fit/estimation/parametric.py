@@ -27,7 +27,7 @@ from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import Search, settled, solve, solve_from
-from .uncertainty import Uncertainty, information_units, t_quantile
+from .uncertainty import Uncertainty, information_units, model_of_residuals, t_quantile
 
 PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
@@ -129,7 +129,7 @@ class Fitted(Solved):
             return "scores corrected for the noise of an input"
         if self.from_scores:
             return "long-run variance of the scores"
-        return f"autoregressive residuals of order {self.order}" if self.order else "white"
+        return model_of_residuals(self.order)
 
 
 def _drift_notice(drift: LogDisagreement, label: str, value: float) -> Iterator[Notice]:

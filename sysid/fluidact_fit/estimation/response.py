@@ -191,7 +191,6 @@ def _fit(
     begin: Beginning, starts: Sequence[Mapping[str, float]],
 ) -> tuple[Fitted, NamedModel, Beginning]:  # fmt: skip
     """Fit everything, until what answers to the time before the runs is left out."""
-    searched = task.plan.searched
     # long logs are begun near their end, or every step takes too long
     again = starts if sum(e.samples for e in task.experiments) <= _MANY else ()
     for _ in range(_ROUNDS):
@@ -199,8 +198,7 @@ def _fit(
         fitted = fit_named(
             model, task.variant.parameters, task.request, task.unknowns, ends, part=part,
             again=again, refusals=task.plan.refusals,
-            sensible={s.name: s.sensible for s in searched if s.sensible is not None},
-            idle={s.name: s.idle for s in searched if s.idle is not None},
+            sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
         )  # fmt: skip
         needed = unrecorded_time(task, task.experiments, begin, fitted.values)
         own = unrecorded_time(task, task.experiments, replace(begin, unrecorded=0.0), fitted.values)
@@ -280,14 +278,12 @@ def _allow_for_input_noise(
     if noise.sigma == 0.0:
         return replace(plain, remarks={"input_noise": found}), None
     found["treatment"] = "residual whitened, score corrected"
-    searched = task.plan.searched
 
     def correct(other: Fitted) -> Fitted:
         task.request.progress("allowing for the noise of the input")
         return correct_named(
             noise, build, other, refusals=task.plan.refusals,
-            sensible={s.name: s.sensible for s in searched if s.sensible is not None},
-            idle={s.name: s.idle for s in searched if s.idle is not None},
+            sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
         )  # fmt: skip
 
     return replace(correct(fitted), remarks={"input_noise": found}), correct

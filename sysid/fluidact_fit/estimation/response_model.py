@@ -19,7 +19,7 @@ from ..options import FamilyOptions, choice, settled
 from ..specification import Request, Variant
 from .named_model import NamedModel, bind, check_request, make_unknowns
 from .problem import Problem, Unknown
-from .results import Refusal
+from .results import Refusal, held_by
 from .separable import Search, solve_from
 from .starts import dead_time_axis, grid_search, time_scales
 
@@ -126,6 +126,16 @@ class Plan:
         """Names of the nonlinear parameters."""
         return tuple(s.name for s in self.searched)
 
+    @property
+    def max_half_widths(self) -> dict[str, float]:
+        """Half-widths of intervals beyond which a parameter is refused, by name."""
+        return {s.name: s.sensible for s in self.searched if s.sensible is not None}
+
+    @property
+    def no_effect_at(self) -> dict[str, float]:
+        """Values at which a parameter has no effect, by name."""
+        return {s.name: s.idle for s in self.searched if s.idle is not None}
+
 
 T = TypeVar("T", bound=ResponseOptions)
 
@@ -219,8 +229,7 @@ class ResponseTask(Generic[T]):
     @cached_property
     def held(self) -> dict[str, float]:
         """Values that are known beforehand not to be estimated."""
-        refused = {r.parameter: float(r.hold or 0.0) for r in self.plan.refusals}
-        return {**refused, **self.request.fixed}
+        return {**held_by(self.plan.refusals), **self.request.fixed}
 
     @property
     def output(self) -> str:

@@ -6,7 +6,7 @@ by flow balances.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
@@ -42,6 +42,11 @@ class Refusal:
     def value(self, spec: ParameterSpec) -> float:
         """Value at which the parameter is held [SI]."""
         return float(self.hold if self.hold is not None else spec.neutral or 0.0) + 0.0  # no -0
+
+
+def held_by(refusals: Iterable[Refusal]) -> dict[str, float]:
+    """Values at which refused parameters are held, by name; 0 where nothing else is said."""
+    return {r.parameter: float(r.hold or 0.0) for r in refusals}
 
 
 def refuse(spec: ParameterSpec, reason: str, written: str = "", remedy: str = "") -> Notice:

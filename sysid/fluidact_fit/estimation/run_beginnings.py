@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray, Signal
+from ..rows import middle_of
 from ..units import after_number, as_time
 from .named_model import NamedModel, bind
 from .noise import noise_floor
@@ -21,7 +22,6 @@ from .problem import Basis
 from .response_model import Beginning, ResponseTask, T, are_short
 from .separable import solve, solve_from
 from .starts import time_scales
-from .uncertainty import middle_of
 
 _RESTING = 8  # first samples of an input that is taken to have been at rest before
 _FEW_STEPS = 1.0  # sample times of a dead time that leaves the first sample undescribed alone

@@ -288,6 +288,11 @@ def _step(plant: Plant[Any], name: str, variance: float) -> float:
     return _RELATIVE_STEP * (abs(number(plant, name)) or 1.0)
 
 
+def base_name(name: str) -> str:
+    """Name of a parameter, of which ``name`` may be an entry, ``levels[2]``."""
+    return name.partition("[")[0]
+
+
 def number(plant: Plant[Any], name: str) -> float:
     """Value of a plant, or one entry of a list, ``levels[2]`` [SI]."""
     key, _, index = name.partition("[")

@@ -23,12 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, square_sum
+from ..rows import blocks, middle_of, square_sum
 from .blocks import condensed
 from .converter_errors import code_errors, codes_matter, noise_beside
 from .recursion import run_recursion
-
-_LONG = 200_000  # samples of a series that its autocorrelation is judged by
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,11 @@ class Uncertainty:
     order: int
     independent: float = np.inf
     from_scores: bool = False
+
+
+def model_of_residuals(order: int) -> str:
+    """Return what residuals were taken for, as the file says it; see :class:`Uncertainty`."""
+    return f"autoregressive residuals of order {order}" if order else "white"
 
 
 @dataclass(frozen=True)
@@ -71,12 +74,6 @@ def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
     sums = [sum(float(s[: s.size - k] @ s[k:]) for s in series if k < s.size)
             for k in range(lags + 1)]  # fmt: skip
     return np.array(sums) / max(total, 1)
-
-
-def middle_of(samples: int) -> slice:
-    """The middle of a very long series, which shows its autocorrelation as well as the whole."""
-    begin = max((samples - _LONG) // 2, 0)
-    return slice(begin, min(begin + _LONG, samples))
 
 
 def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:

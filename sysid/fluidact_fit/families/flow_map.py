@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from ..block import Block
 from ..errors import LogError, Notice, NotIdentifiedError
+from ..estimation.map import count_ways
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -364,7 +365,7 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
     """Warn of a map that misses, and of flows that differ between rising and falling commands."""
     data = found.data
     span, misfit = float(np.ptp(data.y)), found.misfit
-    if misfit is not None and misfit.probability < 1e-6 and misfit.matters(5e-3 * span):
+    if misfit is not None and misfit.is_sure(5e-3 * span):
         yield Notice(
             "curve-misses",
             f"the map misses the flow by {misfit.rms:.3g} {unit} (RMS), while samples beside each "
@@ -375,14 +376,14 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
         0.5 + 0.5 * held_direction(u, max(choose_dead_band(u), 1e-3 * most))
         for u in data.by_log(data.x[:, 0])
     ])  # fmt: skip
-    ways = sorted((np.count_nonzero(rising > 0.9), np.count_nonzero(rising < 0.1)))
-    if ways[1] > 0.9 * rising.size:
+    fewer, more = count_ways(rising)
+    if more > 0.9 * rising.size:
         yield Notice(
             "one-direction",
             "the command moves in one direction only: hysteresis of the spool cannot be seen, and "
             "the map holds for this direction. Ramp the command up and down.",
         )
-    elif ways[0] >= 10:
+    elif fewer >= 10:
         effect = found.direction_effect(rising)
         if effect.matters(2e-3 * span):
             yield Notice(

@@ -13,7 +13,7 @@ from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.problem import Problem, StationaryPoint, Unknown
-from ...estimation.results import Refusal
+from ...estimation.results import Refusal, held_by
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Request, Variant
@@ -59,7 +59,7 @@ class Stage:
     @property
     def held(self) -> dict[str, float]:
         """Values that are held while the rest is fitted: what was refused, and what is given."""
-        return {**{r.parameter: float(r.hold or 0.0) for r in self.refusals}, **self.fixed}
+        return {**held_by(self.refusals), **self.fixed}
 
     @property
     def curved(self) -> bool:

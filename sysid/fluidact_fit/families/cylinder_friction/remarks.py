@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError, Notice
+from ...estimation.uncertainty import model_of_residuals
 from ...mechanics.friction_law import FrictionLaw, warn_of_levels
 from .axis import LINEAR
 from .filters import DEGREE
@@ -177,5 +178,5 @@ def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
         "left_out": dict(counts),
         "force_noise": fit.found.uncertainty.sigma,
         "speeds": {s: [low, high] for s, (low, high) in fit.ranges.items()},
-        "covariance": f"autoregressive residuals of order {order}" if order else "white",
+        "covariance": model_of_residuals(order),
     }

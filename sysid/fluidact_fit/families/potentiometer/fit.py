@@ -14,6 +14,7 @@ from ...estimation.map import (
     MapFit,
     MapRows,
     Misfit,
+    count_ways,
     cross_validate,
     excess_tail,
     find_direction_effect,
@@ -382,7 +383,7 @@ def _bound_notice(fit: MapFit) -> Iterator[Notice]:
 
 def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> Iterator[Notice]:
     """Warn of a curve that misses positions by more than their readings scatter."""
-    if misfit is None or misfit.probability > 1e-6 or not misfit.matters(MATTERS):
+    if misfit is None or not misfit.is_sure(MATTERS):
         return
     reading = f"{scaled.low + misfit.worst * scaled.span:.6g}{after_number(unit)}"
     common = (
@@ -407,9 +408,9 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> Iterator[Notic
         noise_floor(all_of(x, where_finite(x))) for x in (data.reading[p] for p in data.parts)
     )
     share = data.rising(max(tremble, 5e-3 * scaled.span))
-    ways = sorted((np.count_nonzero(share > 0.9), np.count_nonzero(share < 0.1)))
-    if ways[0] < 10:
-        if ways[0] or ways[1] <= 0.9 * share.size or scaled.edges is not None:
+    fewer, more = count_ways(share)
+    if fewer < 10:
+        if fewer or more <= 0.9 * share.size or scaled.edges is not None:
             return  # some go back at least, or are at rest
         yield Notice(
             "one-direction",

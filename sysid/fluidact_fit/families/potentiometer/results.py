@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.uncertainty import t_quantile
+from ...estimation.uncertainty import model_of_residuals, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from .calibration import SECOND
@@ -80,9 +80,7 @@ def fit_details(found: CurveFit, scaled: Scaled) -> dict[str, Any]:
         "iterations": fit.iterations,
         "converged": fit.converged,
         "residual_std": spread.sigma * scaled.stroke,
-        "covariance": f"autoregressive residuals of order {spread.order}"
-        if spread.order
-        else "white",
+        "covariance": model_of_residuals(spread.order),
     }
     if found.scores:
         details["cross_validation"] = [

@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import Notice, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
+from ...estimation.uncertainty import model_of_residuals
 from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
@@ -300,7 +301,7 @@ def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
             "share_of_range_after_reversal": settle,
         },
         "branches": branches,
-        "covariance": f"autoregressive residuals of order {order}" if order else "white",
+        "covariance": model_of_residuals(order),
     }
 
 
