@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.agreement_of_logs import LogDisagreement, compare_logs
 from ..estimation.blocks import condensed
+from ..estimation.noise import PER_MEDIAN
 from ..experiment import Experiment, FloatArray, IndexArray
 from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
@@ -155,7 +156,7 @@ def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float)
     A residual that is mostly zero (a counter at rest) has no robust size.
     """
     n = sum(r.size for r in residuals)
-    per_median = 1.4826 * np.sqrt(n / max(n - p, 1))
+    per_median = PER_MEDIAN * np.sqrt(n / max(n - p, 1))
     enough = deviation / (2.0 * per_median)
     below = sum(int(np.count_nonzero(np.abs(r[at]) < enough))
                 for r in residuals for at in blocks(r.size))  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from ..estimation.results import FEW_INDEPENDENT
+from ..estimation import results
 
 
 class Threshold(float):
@@ -60,7 +60,8 @@ HELD_MOVES = Threshold(
 TIMING_MOVES = Threshold(
     0.02, "part of a parameter that a channel one sample late changes unseen",
     "tests/families/test_spring_cylinder.py: a late position")
-ANYTHING = Threshold(10.0, "times its value that a parameter could be: anything", "wording")
+ANYTHING = Threshold(
+    results.ANYTHING, "times its value that a parameter could be: anything", "wording")
 # samples and parts of the data
 ODD = Threshold(1e-6, "probability of a residual that large among all", _INFLUENCE)
 ODD_MOVES = Threshold(
@@ -92,7 +93,7 @@ FEEDBACK_BY_NOISE = Threshold(
     0.7, "correlation within the sample that noise of an input never makes",
     "tests/test_feedback_and_spikes.py: a regulator")
 INDEPENDENT = Threshold(
-    FEW_INDEPENDENT,
+    results.FEW_INDEPENDENT,
     "independent samples an unknown: with fewer, errors of 4 standard errors were seen",
     "tests/assessment/test_examinations.py: errors that last")
 WIDER = Threshold(

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
 from ..rows import middle_of
-from .noise import white_level
+from .noise import PER_MEDIAN, white_level
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
@@ -180,7 +180,7 @@ def _is_held(values: FloatArray) -> bool:
     change = np.abs(np.diff(values))
     if np.unique(values).size <= 2:
         return True
-    usual = 1.4826 * float(np.median(change))
+    usual = PER_MEDIAN * float(np.median(change))
     jumps = np.flatnonzero(change > 5.0 * usual)
     if jumps.size == 0 or np.sum(np.diff(jumps) == 1) > 0.1 * jumps.size:
         return False

@@ -31,6 +31,7 @@ from .blocks import condense
 from .least_squares import scaled_least_squares
 from .minimise import Minimum, minimise
 from .motion_state import running_median
+from .noise import PER_MEDIAN
 from .price import exhausted, simulated
 from .uncertainty import Uncertainty, covariance, enlarge
 
@@ -276,7 +277,7 @@ def lone_samples(output: FloatArray, residual: FloatArray, settled: BoolArray) -
 
 def robust_deviation(residual: FloatArray) -> float:
     """Standard deviation from the median absolute residual; never zero."""
-    return max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
+    return max(PER_MEDIAN * float(np.median(np.abs(residual))), 1e-9)
 
 
 def position_edges(x: FloatArray, samples: int) -> FloatArray | None:

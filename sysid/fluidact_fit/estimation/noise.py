@@ -18,7 +18,7 @@ from ..rows import blocks
 
 _ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
 _EXACT = 1e-6  # part of its range that is rounding
-_NORMAL = 1.4826  # standard deviation of a normal variable per median of its absolute value
+PER_MEDIAN = 1.4826  # standard deviation of a normal variable per median of its absolute value
 
 
 def noise_floor(
@@ -51,7 +51,7 @@ def noise_floor(
     size = np.empty(values.size - order)
     for at, part in zip(blocks(size.size), white):
         np.abs(part, out=size[at])
-    return _NORMAL * float(np.median(size, overwrite_input=True))
+    return PER_MEDIAN * float(np.median(size, overwrite_input=True))
 
 
 def _white_parts(values: FloatArray, order: int, time: FloatArray | None) -> Iterator[FloatArray]:

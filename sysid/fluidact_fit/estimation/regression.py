@@ -28,12 +28,13 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
 from .least_squares import column_scales
+from .noise import PER_MEDIAN
 from .results import Solved
+from .robust_weights import HUBER
 from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fastest
 from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
 
 SPIKE = 8.0  # robust standard deviations beyond which a sample has no weight
-_HUBER = 4.0  # and beyond which it has less: normal errors are hardly ever so far off
 _BIASED = 0.03  # standard errors of bias by noise of a column, from which instruments are used
 _MOST = 0.3  # of what a column tells: more noise than that is not subtracted
 _WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise [4]_
@@ -399,7 +400,9 @@ class Estimator:
         """Residuals of evidence, shape ``(m,)``, without what has no weight."""
         a, y = self._table(evidence)
         rest = y - a @ best.values
-        end = max(SPIKE * 1.4826 * float(np.median(np.abs(rest))) if rest.size else 0.0, best.limit)
+        end = max(
+            SPIKE * PER_MEDIAN * float(np.median(np.abs(rest))) if rest.size else 0.0, best.limit
+        )
         return np.where(np.abs(rest) > end, 0.0, rest)
 
     def _covariance(
@@ -452,11 +455,11 @@ def _solve(
         now = inverse @ (weighted.T @ y)
         now = now + inverse @ (weighted.T @ (y - a @ now) + common @ now)  # what rounding left
         size = np.abs(y - a @ now)
-        scale = max(1.4826 * float(np.median(size)), least[0])
+        scale = max(PER_MEDIAN * float(np.median(size)), least[0])
         limit = max(SPIKE * scale, least[1])
         done = np.all(np.abs(now - x) <= 1e-10 * (np.abs(now) + scale / norm))
         x = now
-        fresh = np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300))
+        fresh = np.minimum(1.0, HUBER * scale / np.maximum(size, 1e-300))
         fresh[size > limit] = 0.0
         if done or np.array_equal(fresh, weight):
             break

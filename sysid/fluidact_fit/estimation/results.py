@@ -21,7 +21,7 @@ from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
 S = TypeVar("S")
-_ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
+ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
 FEW_INDEPENDENT = 8.0  # independent samples an unknown, with fewer of which intervals fail
 
 
@@ -49,6 +49,15 @@ def held_by(refusals: Iterable[Refusal]) -> dict[str, float]:
     return {r.parameter: float(r.hold or 0.0) for r in refusals}
 
 
+def undetermined_error(spec: ParameterSpec, reason: str, remedy: str = "") -> NotIdentifiedError:
+    """Error of a parameter that the data cannot determine; ``remedy`` replaces the usual one."""
+    return NotIdentifiedError(
+        f"the data cannot determine {spec.name}: {reason}",
+        expected="Nothing was written.",
+        remedy=remedy or spec.remedy,
+    )
+
+
 def refuse(spec: ParameterSpec, reason: str, written: str = "", remedy: str = "") -> Notice:
     """Make the warning for a parameter that is written without having been measured.
 
@@ -61,11 +70,7 @@ def refuse(spec: ParameterSpec, reason: str, written: str = "", remedy: str = ""
         When the parameter has no neutral value to write.
     """
     if spec.neutral is None:
-        raise NotIdentifiedError(
-            f"the data cannot determine {spec.name}: {reason}",
-            expected="Nothing was written.",
-            remedy=remedy or spec.remedy,
-        )
+        raise undetermined_error(spec, reason, remedy)
     return Notice(
         "not-identified",
         f"{spec.name} cannot be determined from these data: {reason} "
@@ -232,7 +237,7 @@ class Solved:
 def _interval(value: float, half: float, spec: ParameterSpec) -> str:
     """A 95 % interval that is too wide, in words."""
     unit = "" if spec.ratio else after_number(spec.unit)
-    if half > _ANYTHING * abs(value):
+    if half > ANYTHING * abs(value):
         return "anything: its 95 % interval is unbounded in practice"
     return f"{value:.3g} ± {half:.2g}{unit} (95 %), too wide to be useful"
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..experiment import FloatArray
+from .noise import PER_MEDIAN
 
-_HUBER = 4.0  # robust standard deviations from which a residual counts less
+HUBER = 4.0  # robust standard deviations from which a residual counts less: normal ones are not
 _ROUNDS = 6  # of reweighting
 
 
@@ -20,7 +21,7 @@ def huber_weights(
     ``rest`` is what a model leaves, ``(n_i,)`` each; without a ``limit`` it follows from that.
     """
     if limit is None:
-        limit = _HUBER * 1.4826 * float(np.median(np.abs(np.concatenate(rest))))
+        limit = HUBER * PER_MEDIAN * float(np.median(np.abs(np.concatenate(rest))))
     return [np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))) for r in rest], limit
 
 
