@@ -37,7 +37,7 @@ class NamedModel:
     measured
         Outputs per experiment, shape ``(n_i,)`` [SI].
     weights
-        As in :class:`.separable.Problem`.
+        As in :class:`.problem.Problem`.
     nuisance
         Names of further linear unknowns, whose columns follow those of ``linear``. They
         are always free and never reported.
@@ -45,7 +45,7 @@ class NamedModel:
         Per experiment the step of the converter that logged the output [SI], 0 when
         unknown.
     whiten
-        Filters of the residuals, as in :class:`.separable.Problem`.
+        Filters of the residuals, as in :class:`.problem.Problem`.
     logs
         Per experiment the number of its log, when logs may differ in noise: those with
         more of it then weigh less.

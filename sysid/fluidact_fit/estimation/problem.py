@@ -154,8 +154,7 @@ class StationaryPoint:
         ``simulate()``: output of the model per experiment. Of long records it is not kept.
     jacobian
         Weighted derivative of the model output by ``(eta, linear)`` with the local
-        unknowns projected out, one array ``(n_i, p + q)`` per experiment. Of very long records
-        these and the residuals are made where they are asked for (:mod:`fluidact_fit.rows`).
+        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
     local_counts
         Number of local unknowns per experiment.
     active

@@ -16,7 +16,7 @@ from .named_model import NamedModel, bind
 from .parametric import DECIDED, DECISIVE, Fitted, cost_units
 from .problem import Problem, StationaryPoint
 from .response_model import ResponseTask, T
-from .results import refuse
+from .results import undetermined_error
 from .separable import evaluate, profile
 from .starts import time_scales
 from .uncertainty import reach, t_quantile
@@ -93,7 +93,7 @@ def _refuse(
             ", because the output has answered before the next sample is taken. Sample at "
             f"least {max(2, int(np.ceil(fast / _FAST)))} times faster"
         )
-    refuse(replace(spec, neutral=None), f"{reason}.")
+    raise undetermined_error(spec, f"{reason}.")
 
 
 def _is_surely_worse(problem: Problem, eta: FloatArray, best: StationaryPoint) -> bool:

@@ -128,7 +128,7 @@ class Solution(Generic[ReadT]):
         :meth:`.Family.simulate` does. A family whose simulation searches at length for unknowns
         of single logs may take those to first order from the fit.
     residuals_are_fitted
-        Whether the estimator residuals_are_fitted these residuals, and not those of other rows.
+        Whether the residuals of the runs are those that the estimator minimised, not of other rows.
     derived
         Numbers computed from the parameters, with their own uncertainty.
     notices

@@ -33,7 +33,7 @@ from ..estimation.noise import common_step, noise_floor, white_noise
 from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis, Slopes
 from ..estimation.recursion import behind_play, clamped
-from ..estimation.results import refuse
+from ..estimation.results import undetermined_error
 from ..estimation.uncertainty import covariance
 from ..experiment import Experiment, FloatArray, Hold, IndexArray, Signal
 from ..family import (
@@ -477,15 +477,19 @@ def _way_back(values: FloatArray) -> float:
 def _refuse_rest(model: PlayModel, variant: Variant, e: Experiment, given: Values) -> None:
     """Refuse logs in which drive or load never move, or the load never moves back."""
     if given.get("ratio") == 0.0:
-        refuse(variant.parameter("ratio"), "a drive with a ratio of 0 moves no load.")
+        raise undetermined_error(
+            variant.parameter("ratio"), "a drive with a ratio of 0 moves no load."
+        )
     least = [_SURE * noise_floor(y) for y in model.loads]
     if not any(map(np.ptp, model.drives)) or all(
         map(np.less_equal, map(np.ptp, model.loads), least)
     ):
-        refuse(variant.parameter("ratio"), "the drive or the load rests in every log.")
+        raise undetermined_error(
+            variant.parameter("ratio"), "the drive or the load rests in every log."
+        )
     if "play" not in given and all(map(np.less_equal, map(_way_back, model.loads), least)):
         back = e.signals["drive"].text(max(map(_way_back, model.drives)))
-        refuse(
+        raise undetermined_error(
             variant.parameter("play"), "in no log does the load go both ways. The drive turns "
             f"back by {back} at most, which does not cross the play.",
         )  # fmt: skip
@@ -499,7 +503,7 @@ def _refuse_lead(fitted: Fitted, variant: Variant) -> None:
     table, rest = np.vstack(found.jacobian), np.concatenate(found.residuals)
     free = np.linalg.lstsq(table, rest, rcond=None)[0]
     if free[k] < 0.0 and np.sum((rest - table @ free) ** 2) < _LED * np.sum(rest**2):
-        refuse(
+        raise undetermined_error(
             variant.parameter("play"), "the load turns back before the drive does. Are the two "
             "columns swapped, or is the drive recorded late?",
         )  # fmt: skip

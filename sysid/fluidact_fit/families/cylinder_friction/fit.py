@@ -96,20 +96,20 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     specs = {p.name: _with_remedy(p, ranges, data[0].axis) for p in variant.parameters}
     limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
     refusals = [r for s in SIDES if s not in moved for r in _idle(s, options)]
-    low = free_names(options.stribeck == "estimate", fixed)
+    rising = free_names(options.stribeck == "estimate", fixed)
     known = {*fixed, *(r.parameter for r in refusals)}
     alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges), noise)]
     axis = data[0].axis
     refusals += [_too_alike(n, _describe_speeds(_of(n, ranges), axis) + ".") for n in alike]
     if alike and _one_speed(ranges, noise):
-        refusals += [Refusal(n, _describe_speeds(ranges, axis) + ".") for n in low]
+        refusals += [Refusal(n, _describe_speeds(ranges, axis) + ".") for n in rising]
         if not options.is_settled:  # without the ends of the strokes, levels are of one speed
             near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
             options = replace(
                 options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
             )
-    problem = _Problem(data, limits, options, asked, low)
+    problem = _Problem(data, limits, options, asked, rising)
     end = determine(
         problem.solve,
         lambda found: (
@@ -253,14 +253,14 @@ def _undetermined(
 class _Problem:
     """Parts of the problem that stay the same from attempt to attempt.
 
-    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate.
+    ``asked``: an offset is required; ``rising``: Stribeck parameters to estimate.
     """
 
     data: list[Data]
     limits: Mapping[str, tuple[float, float]]
     options: FrictionOptions
     asked: bool
-    low: Sequence[str]
+    rising: Sequence[str]
 
     def solve(self, held: Mapping[str, float]) -> Regression:
         """Solve with some parameters held, with an offset where a level would be negative."""
@@ -300,7 +300,7 @@ class _Problem:
         return ["offset"]
 
     def _solve(self, held: Mapping[str, float], levels: Sequence[str]) -> Regression:
-        names = [n for n in (*levels, *self.options.rates, *self.low) if n not in held]
+        names = [n for n in (*levels, *self.options.rates, *self.rising) if n not in held]
         if not names:
             raise UsageError(
                 "nothing is left to estimate: every parameter is fixed or undetermined",

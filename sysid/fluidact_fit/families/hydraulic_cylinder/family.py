@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.named_model import check_request
-from ...estimation.results import refuse
+from ...estimation.results import refuse, undetermined_error
 from ...estimation.stribeck import another_fall, free_names, rise_words, stribeck_specs
 from ...estimation.unmodelled_effects import soft_edges
 from ...experiment import Experiment, Hold
@@ -237,7 +237,7 @@ def _is_gray_box(case: Case) -> bool:
         )
     slow = max(e.sample_time for e in case.experiments)
     if slow > _SLOWEST and "bulk_modulus" not in case.request.fixed:
-        refuse(
+        raise undetermined_error(
             case.variant.parameter("bulk_modulus"),
             f"the logs are sampled every {slow * 1e3:.3g} ms, too slowly to follow the pressures.",
         )

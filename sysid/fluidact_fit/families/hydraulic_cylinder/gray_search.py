@@ -50,12 +50,12 @@ class GrayProblem:
         return measured.ravel() - self.weighted(log, states)
 
     def weighted(self, log: GrayLog, states: FloatArray) -> FloatArray:
-        """The measured ones of some states ``(n, 4)``, weighted, channel after channel."""
+        """Measured channels of states ``(n, 4)``, weighted, channel after channel."""
         channels = list(log.channels)
         return (states.T[channels] / self.sigma[channels, None]).ravel()
 
     def jacobian(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
-        """Derivatives of what they are less by the initial state, scaled, and the parameters."""
+        """Derivatives of the weighted channels by the initial state, scaled, and the parameters."""
         columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.names)]
         slopes = self.box.slopes(log, initial, values)
         rows = np.concatenate([slopes[:, c, columns] / self.sigma[c] for c in log.channels])

@@ -1,7 +1,7 @@
 """Flow, speed and command of the cylinder as a controller runs them.
 
-With ``h = k r / 2`` the flow through orifice and line (:func:`.equations.orifice_flow`) is
-``k (sqrt(h^2 + drop) - h)``, which needs no division.
+With ``h = k r / 2`` the flow through orifice and line is ``k (sqrt(h^2 + drop) - h)``, which needs
+no division; see :func:`.mechanics.hydraulic_cylinder.orifice_flow`.
 """
 
 from __future__ import annotations
