@@ -118,11 +118,8 @@ def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, F
     """All logs but one, their information, and how far they would move the estimate."""
     others = [p for j, p in parts.items() if j != k]
     information = np.sum([p.information for p in others], axis=0)
-    return others, information, _solve(information, np.sum([p.score for p in others], axis=0))
-
-
-def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
-    return np.asarray(_inverse(information)[0] @ score)
+    score = np.sum([p.score for p in others], axis=0)
+    return others, information, _inverse(information)[0] @ score
 
 
 def _inverse(information: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -138,15 +135,15 @@ def _drift(
 ) -> LogDisagreement:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
-    inverse, vague = _inverse(information)
+    own, (inverse, vague) = _inverse(one.information)[0], _inverse(information)
     with np.errstate(invalid="ignore"):  # what a log does not determine has no finite one
         middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
         variance = np.diag(one.covariance) + np.diag(inverse @ middle @ inverse)
     variance = np.where(vague, np.inf, variance)
-    difference = _solve(one.information, one.score) - theirs
+    difference = own @ one.score - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
     together = np.diag(_inverse(one.information + information)[0])
-    alone = np.maximum(np.diag(_inverse(one.information)[0]), np.diag(inverse))
+    alone = np.maximum(np.diag(own), np.diag(inverse))
     z = np.where(np.isfinite(z) & (least * alone <= together), z, 0.0)
     worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))

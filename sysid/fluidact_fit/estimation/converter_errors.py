@@ -95,7 +95,10 @@ def codes_matter(
     step = max((step for _, step in readings), default=0.0)
     if is_coarse(step, sigma):
         return True
-    return _rests(readings) and _may_matter(jacobian, readings, bread, total)
+    if not _rests(readings):
+        return False
+    error = _by_codes(jacobian, readings, mirrored=False) @ bread
+    return bool(np.any(np.sum(error**2, axis=0) > _ADDS * np.diag(total)))
 
 
 def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
@@ -113,17 +116,6 @@ def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
             resting += int(np.count_nonzero(level < _CROSSED * step**2))
         samples += y.size
     return resting > _RESTING * samples
-
-
-def _may_matter(
-    jacobian: Sequence[FloatArray],
-    readings: Sequence[tuple[FloatArray, float]],
-    bread: FloatArray,
-    total: FloatArray,
-) -> bool:
-    """Return whether errors that are one for each code could add to the covariance ``total``."""
-    error = _by_codes(jacobian, readings, mirrored=False) @ bread
-    return bool(np.any(np.sum(error**2, axis=0) > _ADDS * np.diag(total)))
 
 
 def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:

@@ -433,12 +433,10 @@ def _is_linear(noise: InputNoise, build: Build, eta: FloatArray) -> bool:
     """Return whether outputs add up as inputs do, as far as a draw of the noise shows."""
     base = _outputs(build, noise.experiments, eta)
     up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
-    return all(_adds_up(*three) for three in zip(base, up, down, strict=True))
-
-
-def _adds_up(base: FloatArray, up: FloatArray, down: FloatArray) -> bool:
-    """True if what is added to an input and what is taken from it do the same to the output."""
-    return bool(np.abs(up + down - 2.0 * base).max() <= _ADDS_UP * np.abs(up - down).max())
+    return all(
+        np.abs(p + n - 2.0 * y).max() <= _ADDS_UP * np.abs(p - n).max()
+        for y, p, n in zip(base, up, down, strict=True)
+    )
 
 
 def _disturbed(

@@ -39,7 +39,9 @@ def choose_beginning(task: ResponseTask[T], few: Sequence[Experiment]) -> Beginn
     if options.offset != "none" and options.offset_of is None:
         begin = replace(begin, offset=task.owner)
     if options.start_state is None:
-        rest = _are_stepped(task.experiments) or _starts_at_rest(task, few, begin)
+        # a lone sample of an input is a step that was not recorded: it was at rest before
+        stepped = all(any(s.time.size == 1 for s in e.signals.values()) for e in task.experiments)
+        rest = stepped or _starts_at_rest(task, few, begin)
         begin = replace(begin, rest=rest)
     return begin
 
@@ -241,8 +243,3 @@ def _may_rest(signal: Signal) -> bool:
     if signal.hold == "zoh" or change.size < 2:
         return True
     return bool(change[0] <= _AT_REST * np.median(change) + 3.0 * noise_floor(signal.values, 4))
-
-
-def _are_stepped(experiments: Sequence[Experiment]) -> bool:
-    """True if the input of every run is a step that was not recorded: it was at rest before."""
-    return all(any(s.time.size == 1 for s in e.signals.values()) for e in experiments)

@@ -289,12 +289,19 @@ class Backlash(Family[BacklashOptions]):
         whole = _with_offset(fitted, model)
         parameters, order, matrix = whole.quantities(variant.parameters, units)
         logs, notices = fitted.compare_logs(experiments)
+        noise = max(_reading_errors(x)[0] for x in model.drives)
+        of_drive = {"drive": NoiseLevel(noise, _POWER)} if noise else {}
+
+        def lost_motion(v: Values) -> dict[str, Any]:
+            """Way of the drive from one side of the play to the other."""
+            return {"lost_motion": v["play"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
+
         return make_solution(
             self.simulate, experiments, variant,
             replace(request.options, offset_of="log" if level is None else "file"), parameters,
-            order, NoiseModel(matrix, fitted.independent, _drive_noise(model)),
+            order, NoiseModel(matrix, fitted.independent, of_drive),
             jacobians=[{"load": j} for j in fitted.sensitivity()],
-            derived=fitted.derive({"lost_motion": units["drive"]}, _lost_motion),
+            derived=fitted.derive({"lost_motion": units["drive"]}, lost_motion),
             notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
         )  # fmt: skip
 
@@ -385,11 +392,6 @@ def _with_offset(fitted: Fitted, model: PlayModel) -> Fitted:
     )  # fmt: skip
 
 
-def _lost_motion(v: Values) -> dict[str, Any]:
-    """Way of the drive from one side of the play to the other."""
-    return {"lost_motion": v["play"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
-
-
 def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) -> Followed:
     v = plant.numbers
     return follow(e.sampled("drive"), v["ratio"], v["play"], load)
@@ -423,12 +425,6 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
         "let it move further than its noise from one sample to the next."
     )
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
-
-
-def _drive_noise(model: PlayModel) -> dict[str, NoiseLevel]:
-    """Noise of the drive, which the interval allows for."""
-    noise = max(_reading_errors(x)[0] for x in model.drives)
-    return {"drive": NoiseLevel(noise, _POWER)} if noise else {}
 
 
 def _reading_errors(readings: FloatArray) -> tuple[float, float]:

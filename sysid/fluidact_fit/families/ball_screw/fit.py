@@ -26,7 +26,7 @@ from ...family import (
 from ...mechanics.friction_law import mean_and_offset, warn_of_levels
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_record import drive_notices, with_drive_errors
-from .levels import Bracket, find_levels, hold_levels, refine_levels
+from .levels import Bracket, find_levels, refine_levels
 from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
 from .start import Stage, first_stage, without_idle_levels
 from .stribeck import fastest, undetermined, with_curve, without_level
@@ -88,7 +88,9 @@ def _fit_position(
     request.progress("fitting positions")
     opened = [BREAKAWAY[s] for s in stage.open_sides()]
     inside = {} if stage.curved else {n: b for n, b in brackets.items() if n in opened}
-    begin, beyond = hold_levels(stage, inside), request.options.compared == "derivatives"
+    held = {n: b.value for n, b in inside.items()}
+    begin = replace(stage, fixed={**stage.fixed, **held})
+    beyond = request.options.compared == "derivatives"
     if request.options.compared is None:
         ratio, begin = residual_to_noise(begin)
         beyond = ratio > (DECISIVE_HELD if inside else DECISIVE)

@@ -82,11 +82,6 @@ def refine_levels(
     return stage.at(at.values), wide
 
 
-def hold_levels(stage: Stage, brackets: Mapping[str, Bracket]) -> Stage:
-    """The stage with bracketed levels held."""
-    return replace(stage, fixed={**stage.fixed, **{n: b.value for n, b in brackets.items()}})
-
-
 class _Profile:
     """Misfit of the logs over the static levels; the ``others`` are refitted beside them."""
 

@@ -45,10 +45,6 @@ def _value(c: Calibration, t: Expression, share: Expression | None) -> Expressio
     return found[1] + share * (found[0] - found[1])
 
 
-def _a(name: str) -> str:
-    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
-
-
 def _place(c: Calibration, reading: Expression) -> Expression:
     """Place of a reading in its range."""
     return (reading - constant("first", c.low)) * constant("per_span", 1.0 / (c.high - c.low))
@@ -61,7 +57,8 @@ def called(unit: str) -> str:
 
 def _inverse(c: Calibration, unit: str, directions: Argument | None, output: str) -> Routine:
     name = called(output)
-    draft = Draft("reading_at", f"Reading at {_a(name)}, by halving the range.", unit)
+    article = "an" if name[0] in "aeiou" else "a"
+    draft = Draft("reading_at", f"Reading at {article} {name}, by halving the range.", unit)
     ends = np.array([[p[0], p[-1]] for p, _ in c.curves])
     wanted = draft.argument(Argument(name, output, name, float(ends.min()), float(ends.max())))
     share = None if directions is None else 0.5 + 0.5 * draft.argument(directions)

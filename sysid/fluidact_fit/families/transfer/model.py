@@ -69,11 +69,6 @@ class _Prepared:
     unseen: int
     parts: tuple[slice, ...]
 
-    @property
-    def samples_of_run(self) -> int:
-        """Number of samples, described or not."""
-        return self.unseen + int(self.samples.instants.size)
-
 
 class TransferModel:
     """``y(t) = gain * C x(t - dead_time) + offset``, ``x' = A x + B w(u)``.
@@ -309,8 +304,9 @@ def simulate_transfer(
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
-        outputs = [np.full(model.prepared[i].samples_of_run, np.nan) for i in own]
-        forced = [y[model.prepared[i].unseen :] for i, y in zip(own, outputs, strict=True)]
+        prepared = [model.prepared[i] for i in own]
+        outputs = [np.full(p.unseen + p.samples.instants.size, np.nan) for p in prepared]
+        forced = [y[p.unseen :] for p, y in zip(prepared, outputs, strict=True)]
         found = _fit_offset(
             [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)],
             none,
