@@ -160,9 +160,8 @@ def _direction(e: Experiment, role: str, output: str) -> int:
 def direction(u: FloatArray, y: FloatArray) -> int:
     """1 where the output, or its change, follows the input, -1 where it goes against it, else 0.
 
-    What swings follows an input of either sign, half a period later. The output of a line goes
-    with its input, its change goes to and fro; the change of a mass goes with its input, the way
-    to and fro: what is nearest to the input counts.
+    The output of a line follows its input; of a mass, the change of the output does. What is
+    nearest to the input counts.
     """
     if not u.size == y.size >= policy.CAUSE_SAMPLES:
         return 0

@@ -153,13 +153,11 @@ def find_feedback(
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Correlation of the residual with the input before and after it.
 
-    Both are whitened first (Box and Jenkins). A residual that follows the input shows
-    dynamics that the model lacks; an input that follows the residual, feedback. What the model
-    lacks correlates with the future of an input as well where that can be told from its past
-    (a chirp), so feedback is only what is stronger on its own side. An input that answers within
-    the sample, as one computed from the output does, is feedback where the model answers it
-    later: what the model lacks, and noise of the input, are then in later samples only. Noise of an
-    input that the solution allows for is in the residual as well and tells nothing else.
+    Both are whitened first (Box and Jenkins). A residual that follows the input shows dynamics that
+    the model lacks; an input that follows the residual, feedback. What the model lacks correlates
+    with the future of a predictable input (a chirp) as well, so feedback is only what is stronger
+    on its own side. An input that answers within the sample is feedback where the model answers it
+    later. Noise of an input that the solution allows for is in the residual as well.
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []

@@ -329,9 +329,8 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
 def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
     """Change of the output per second that an input comes later.
 
-    A model that reads a held input at its samples takes a shift by part of a sample for one by
-    a whole sample. Half the difference of a delay and a lead by one sample is then the
-    derivative; as with :func:`_behind`, noise of the input does not tell it from the residual.
+    Half the difference of a delay and a lead by one sample where a model reads a held input at its
+    samples; as with :func:`_behind`, noise of the input does not tell it from the residual.
     """
     runs = at.experiments
     near = at.change([delayed(e, role, _SHIFT * step) for e in runs])
@@ -378,9 +377,8 @@ def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
 def _behind(at: Optimum, s: Series, lag: float) -> FloatArray:
     """Change of a simulated channel per second of a first-order lag [s] behind it.
 
-    The noise of a measured input is in the simulated output and, with the opposite sign, in
-    the residual, which would be taken for a lag. It has no direction in time: half the
-    difference of a lag and a lead is free of it.
+    Half the difference of a lag and a lead: noise of a measured input, which is in the residual as
+    well, has no direction in time.
     """
     e, t, step = s.experiment, s.experiment.time, s.experiment.sample_time
     grid, even = None, s.simulated

@@ -65,12 +65,10 @@ def compare_logs(
     names
         Parameters; nuisance unknowns have been left out of the Jacobian.
     least
-        Part of what all logs know of a parameter that a log has to know to be judged by it: one
-        that hardly determines it is linear in it over its own noise only, and what it seems to
-        know may be noise of its regressors.
+        Part of what all logs know of a parameter that a log has to know to be judged by it.
     readings
-        As in :func:`.uncertainty.covariance`: the errors of a converter are not noise. Those of
-        logs with the same levels are alike and are taken for independent, which is cautious.
+        As in :func:`.uncertainty.covariance`; errors of logs with the same levels are taken for
+        independent, which is cautious.
 
     Returns
     -------

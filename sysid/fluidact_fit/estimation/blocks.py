@@ -1,14 +1,12 @@
 """Long records in blocks of rows: what is kept of each is a triangle, not its rows.
 
-Least squares need no rows: whatever is computed of the columns of a table, be it a solution, a
-projection or a sum of squares, depends on the products of its columns alone, and the triangle
-``R`` of its QR decomposition has the same products as the table. The triangle of a table of two
-parts is that of ``R`` of the first on top of the second [1]_.
+Least squares depend on the products of columns alone, and the triangle ``R`` of a QR
+decomposition has the same products as its table. The triangle of two tables is that of ``R`` of the
+first on top of the second [1]_.
 
-Sums of products of the columns themselves would be faster, but square their condition: what is
-known to six digits only would be lost. Those of ``B R^-1``, with ``R`` the triangle of the rows
-before and ``B`` the next block, do not: with ``R^-T B'B R^-1 + 1 = U'U`` the triangle of both is
-``U R`` [2]_. The condition of the sum is at most its trace, which is kept small.
+Products of the columns themselves would square their condition. Those of ``B R^-1``, ``B`` being
+the next block, do not: with ``R^-T B'B R^-1 + 1 = U'U`` the triangle of both is ``U R`` [2]_. The
+condition of the sum is at most its trace, which is kept small.
 
 References
 ----------

@@ -44,17 +44,10 @@ def code_errors(
 ) -> FloatArray:
     """``J' R J`` of the errors of a converter, shape ``(p, p)``, beside white noise.
 
-    ``J' e`` over draws of where the signal ``s`` lies among the codes ``q``, with
-    ``e = q round(s / q) - s``: the unknowns are moved as far as errors that are one for each code
-    leave them uncertain, and the signal by a common part of a code. What is met again has its
-    error again, other levels have others, and a signal that crosses the codes averages them. A
-    machine that is alike both ways is read alike both ways, its errors ``mirrored`` at zero.
-    The signals of series that are ``apart``, each with an offset of its own, are moved by parts of
-    their own. ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
-
-    Of a signal that is shaken by noise within a code the readings are short; that of a lasting
-    one is not, whatever noise of a regressor its residual holds. The longest reading says how much
-    noise there can be: a signal on an edge between two codes is as wrong by the mean of both.
+    From draws of where the signal lies among the codes; see ``docs/theory/noisy-inputs.md``.
+    Errors are ``mirrored`` at zero where the machine is alike both ways. The signals of series that
+    are ``apart``, each with an offset of its own, are moved by parts of a code of their own.
+    ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
     """
     p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
     rng = np.random.default_rng(0)
@@ -102,12 +95,7 @@ def codes_matter(
 
 
 def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
-    """Return whether neither noise nor motion takes what a converter was given across its codes.
-
-    Noise of half a code makes ``q^2 / 3`` of half the mean square of the differences; a signal on
-    an edge, which the least noise flips, makes a quarter. Errors like these are no noise, however
-    small they are beside the residual: it may hold that of a regressor.
-    """
+    """Return whether neither noise nor motion takes what a converter was given across its codes."""
     resting, samples = 0, 0
     for y, step in readings:
         for at in blocks(y.size) if step > 0.0 else ():
@@ -119,11 +107,7 @@ def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
 
 
 def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
-    """Standard deviation of noise behind which the longest reading is hardly as long (5 %).
-
-    In the middle of a code a reading of ``l`` samples comes some ``n (1 - p) p^l`` times, ``p`` the
-    probability that noise leaves it there.
-    """
+    """Standard deviation of noise behind which the longest reading is hardly as long (5 %)."""
     from scipy.special import ndtri
 
     samples, longest, step = sum(y.size for y, _ in readings), 0, 0.0

@@ -1,21 +1,11 @@
 """Noise on a measured input: a consistent estimate and its covariance, for any model.
 
-The input is logged as ``u = u0 + w``, ``w`` white of standard deviation ``sigma``, while the
-machine answers to ``u0``. A fit that takes ``u`` for exact is biased, because the score
-``s(p; u) = J' r`` then holds products of ``w`` with itself. For a linear system they are
-quadratic in ``w``: adding the same noise once more (draws ``w'``) adds their expectation once
-more, and
+With the logged input ``u = u0 + w``, draws ``w'`` of the same noise and the score ``s = J' r``
 
     s*(p) = s(p; u) - (E s(p; u + w') - s(p; u))
 
-has the expectation of ``s(p; u0)`` whatever the size of the noise: a corrected score [1]_. A
-static nonlinearity whose edges are passed quickly adds terms of the fourth order alone, which a
-second size of ``w'`` estimates.
-
-The residual ``e - G w`` is whitened first, see :mod:`.whitening`; any fixed filter leaves the
-estimate consistent, the right one makes it efficient (generalised least squares [2]_). Where the
-input holds little but noise the derivatives do so too and only scatter: every frequency counts by
-the part of the input that is none, ``1 - sigma^2 / S_u``, which makes the score scatter least.
+is solved, the residual whitened (:mod:`.whitening`) and focused on frequencies at which the input
+is more than noise [1]_ [2]_. Derivation: ``docs/theory/noisy-inputs.md``.
 
 References
 ----------
@@ -407,10 +397,8 @@ def _spread(
 ) -> FloatArray:
     """Covariance of the score, of whitened residuals of variance one, shape ``(p, p)``.
 
-    Where outputs add up as inputs do it is ``J' J`` with all rows focused twice: what the noise
-    makes of the output is then the same whatever the input, and the residual is white. Behind a
-    dead zone noise passes only while the machine moves, which is when the derivatives are large.
-    Draws of the noise of input and output, as :func:`make_filters` found them, show what that does.
+    Where outputs add up as inputs do it is ``J' J`` with all rows focused twice. Behind a dead zone
+    it comes from draws of the noise of input and output, as :func:`make_filters` found them.
     """
     if noise.linear:
         return score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature

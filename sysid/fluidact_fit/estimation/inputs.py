@@ -68,13 +68,9 @@ class PiecewiseInput:
 def is_smooth(signals: Sequence[Signal]) -> bool:
     """Return whether cubics through every second sample predict the others better than lines.
 
-    The measured force of a hand is smooth: straight lines between 100 Hz samples clip its
-    peaks, which biases the inertia that is fitted to it. A signal that really follows
-    straight lines, or jumps, is not predicted better by a cubic.
-
-    Noise is predicted by neither, and worse by the cubic: what it adds to the errors is taken
-    away. Where nothing tells the two apart beside it, curves are the better guess: what they do
-    about a bend that nobody sees averages out, and lines clip every peak.
+    Lines clip the peaks of a smooth signal, such as the force of a hand, which biases the inertia
+    fitted to it. What noise adds to the errors of either prediction is taken away; where nothing
+    tells the two apart beside it, curves are the better guess.
 
     Parameters
     ----------

@@ -1,14 +1,12 @@
 """Rows that a logger lost: when they would have been recorded, and what a driving signal was then.
 
-A gap of about a whole number of sample times holds rows that were never written. A held signal
-was not held across it: it took values that nobody knows, and taking the last one for them shifts
-what it does by part of a sample, over and over. A smooth one does not end there, but the cubic
-spline through the others misses it by what a few instants of break-away can show.
+A gap of about a whole number of sample times holds rows that were never written. Taking the
+last value before it shifts what a held signal does by part of a sample; a cubic spline across it
+misses a smooth one by what a few instants of break-away can show.
 
 The values are predicted from the samples on either side, by the polynomial through two, four, six
 or eight of them that predicts the intact samples best when as many are left out of those; this
-also shows how well it does. A polynomial of many samples misses a curve by far less, and one of
-few carries less noise: the intact samples tell which of both matters.
+also shows how well it does.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Estimator of static maps: a curve or a network that gives one quantity at some inputs.
 
 A family declares a :class:`MapModel`: the value of the map for its unknowns, the derivatives, and
-bounds, which also declare monotony. What every map needs is here, once: the search from several
-starts, cross-validation over whole positions or logs, the choice between candidates, the price of
-monotony, samples that stand alone, and an examination of what a map leaves (positions that it
-misses, a direction of motion).
+bounds, which also declare monotony. Search from several starts, cross-validation over whole
+positions or logs, lone samples, and what a map misses are here.
 
 References
 ----------

@@ -36,11 +36,8 @@ def judge_rivals(
     """Refuse what has two values, far apart, that the data cannot tell from each other.
 
     Two that are near each other make one wide interval. ``places`` are where a rough search
-    ended. A closer one may slide from there, along a valley that hardly falls, to the best:
-    what they cost tells whether it does. Those that are out of the question on ``part`` of
-    long logs need no look at the others. Nor do those that are the same end: noise of an input
-    that is averaged between samples makes a dead time of half a sample look better, until it
-    is allowed for.
+    ended. Those that are out of the question on ``part`` of long logs are not tried on the whole,
+    nor those that ``correct``, which allows for noise of an input, leads to the same end.
 
     Raises
     ------

@@ -47,12 +47,7 @@ def choose_beginning(task: ResponseTask[T], few: Sequence[Experiment]) -> Beginn
 
 
 def _starts_at_rest(task: ResponseTask[T], few: Sequence[Experiment], begin: Beginning) -> bool:
-    """Return whether short runs are taken to start at rest.
-
-    In a long run the initial state costs nothing and is always free. In a run of ten
-    samples that begins with the step, a free initial state explains the whole response;
-    it is then freed only when the Bayes criterion asks for it.
-    """
+    """Return whether runs are short and no Bayes criterion asks for a free initial state."""
     role = task.variant.driving[0].name
     if not are_short(few) or not all(_may_rest(e.signals[role]) for e in few):
         return False
@@ -73,12 +68,7 @@ def unrecorded_time(
     begin: Beginning,
     values: Mapping[str, float],
 ) -> float:
-    """Duration of the response to an input before the runs [s]; 0 where it is at rest.
-
-    For as long as the dead time the output of a run follows an input that was not recorded.
-    No initial state can stand for that: where anything moves meanwhile, the fit has to leave
-    it out, and somewhat more than the dead time, which is not known exactly.
-    """
+    """Duration of the response to an input before the runs [s], with a margin; 0 at rest."""
     dead_time, step = values.get("dead_time", 0.0), time_scales(experiments)[0]
     given = task.request.options.unrecorded
     if given is not None or begin.rest or dead_time < max(_FEW_STEPS * step, begin.unrecorded):
@@ -131,8 +121,7 @@ def cut_unrecorded(
 ) -> tuple[Beginning, list[dict[str, float]]]:
     """Order places by how well they describe the excerpt, each without what it cannot.
 
-    A long dead time leaves few samples to be described. Those that it leaves out count with
-    the variance of the output, so that costs of different samples can be compared.
+    What a place leaves out counts with the variance of the output.
     """
     begins = [replace(begin, unrecorded=unrecorded_time(task, few, begin, p)) for p in places]
     if all(b == begin for b in begins):
@@ -155,9 +144,6 @@ def examine_offset(
     task: ResponseTask[T], fitted: Fitted, model: NamedModel, begin: Beginning
 ) -> tuple[Beginning, dict[str, float], list[Notice]]:
     """Compare the fit with one without its offset, or with one where it has none.
-
-    Runs at rest show their offset before they respond. Where it contradicts that of the fit,
-    which then stands for what the model lacks, there is none, unless the user says so.
 
     Returns
     -------

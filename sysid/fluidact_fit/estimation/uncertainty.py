@@ -268,15 +268,11 @@ def covariance(
         Known smallest standard deviation of the noise, such as that of a converter;
         the residuals of a deterministic fit can fall below it.
     small_sample
-        Whether to correct autocorrelated residuals for their small effective number: of ``n_e``
-        samples that were independent would give the same variance (their median), ``p`` unknowns
-        take ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
-        coefficient too small by ``(1 + 3 rho) / n`` [3]_, some ``2 (p + 1) / n_e``. Where that
-        would leave nothing the variances are four times as large.
+        Whether to correct autocorrelated residuals for their small effective number [3]_; see
+        ``docs/theory/independent-samples.md``.
     readings
         Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
-        While a reading is constant so is its error, but for what the signal moves meanwhile;
-        where the converter makes up most of the residual, the covariance has to know.
+        While a reading is constant so is its error; see :func:`.code_errors`.
 
     Returns
     -------

@@ -2,8 +2,7 @@
 
 Noise of a measured input that has passed through a model is close to an autoregression of low
 order, of a unit root where the model integrates; the noise of the output comes on top and is
-white. A pure autoregression would need hundreds of terms for the sum. The Kalman filter [1]_
-of the two needs none: its innovations are white and carry all the information.
+white. The innovations of the Kalman filter [1]_ of the two are white.
 
 References
 ----------

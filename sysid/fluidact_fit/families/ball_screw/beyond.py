@@ -35,11 +35,10 @@ def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
 def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
     """Weights for comparing position, speed and acceleration together.
 
-    Forces the model does not know drift in the position and are small in the acceleration; noise
-    does the opposite. Each quantity is weighted by its own residual, so that neither the drift of
-    one nor the noise of another decides. Speed and acceleration are differences over an eighth of
-    the time constant of coasting: shorter ones look at vibrations that a rigid mass does not have,
-    longer ones smear the reversals.
+    Each is weighted by its own residual: unknown forces drift in the position, noise is large in
+    the acceleration. Speed and acceleration are differences over an eighth of the time constant of
+    coasting: shorter ones show vibrations that a rigid mass does not have, longer ones smear the
+    reversals.
     """
     start, runs = stage.start, stage.experiments
     viscous = start.get("viscous", start.get("viscous_positive", 0.0))

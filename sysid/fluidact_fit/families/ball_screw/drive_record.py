@@ -30,12 +30,10 @@ def with_drive_errors(
 ) -> Fitted:
     """Return the fit with the errors of its recorded drive in its covariance.
 
-    They move the instants of break-away and, until the next stop, the speed. Residuals show only
-    part of that: few break-aways tell a static level. So the drive is disturbed at random by as
-    much as it may be wrong (by the noise of a measured one, and by the uncertainty of rows that
-    were predicted because the logger lost them), followed through all events, and the estimate
-    moved by ``(J'J)^-1 J' dy``. Where the residual wanders less than what is left of ``dy``, part
-    of the noise was in the machine (such as rounding of a command), and the moves count for less.
+    The drive is disturbed at random by its noise and by the uncertainty of rows that the logger
+    lost, followed through all events, and the estimate moved by ``(J'J)^-1 J' dy``. Where the
+    residual wanders less than what is left of ``dy``, part of the noise was in the machine (such as
+    rounding of a command), and the moves count for less.
     """
     errors = [_errors(e.signals[axis.drive]) for e in experiments]
     if not any(e.any() for e in errors) or not fitted.names:

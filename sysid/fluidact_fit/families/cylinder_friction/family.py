@@ -8,13 +8,11 @@
 ``F`` drives the motion, positive along positive velocity, or is the load against it. Pressure
 forces and the inertia ``m a`` are subtracted when areas and mass are given. Of a shaft, torque,
 moment of inertia and angular velocity stand in the same equation, with friction in N m. All
-levels are magnitudes. Only moving samples are used [1]_: near standstill friction is presliding
-and stiction, and a smoothed sign would bias the levels. How noise of the motion is treated, and
-why a force goes through the filter of a position's slope: ``docs/theory/regression.md``.
+levels are magnitudes. Only moving samples are used [1]_. Noise of the motion and the filter of a
+position's slope: ``docs/theory/regression.md``.
 
-Without a second speed in at least one direction, ``b v`` cannot be separated from the levels:
-``viscous`` is then written as not identified and the levels include all friction. With
-``--viscous=asymmetric`` there are two ``b``, and each needs two speeds in its own direction.
+Without a second speed in at least one direction ``viscous`` is not identified and the levels
+include all friction; with ``--viscous=asymmetric`` each ``b`` needs two speeds in its direction.
 
 References
 ----------

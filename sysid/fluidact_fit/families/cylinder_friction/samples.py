@@ -176,10 +176,9 @@ def _choose_deadband(motions: Sequence[Motion]) -> float:
 def _moving(motion: Motion, deadband: float) -> BoolArray:
     """Samples that move, and whose filter window holds no rest or reversal, shape ``(n,)``.
 
-    Near a rest the filter spreads motion over samples at rest. On the way from one direction to
-    the other there is no rest: only what lies within the dead band there is left out, unless the
-    matched force is a mean over it. Beside a reversal a speed smoothed from its neighbours may be
-    on the wrong side of zero, where the velocity turns sharply; its own reading decides with it.
+    Near a rest the filter spreads motion over samples at rest. At a reversal only what lies within
+    the dead band is left out, unless the matched force is a mean over it; a speed smoothed from its
+    neighbours may be on the wrong side of zero there, so its own reading decides with it.
     """
     v = motion.velocity
     turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
@@ -287,8 +286,7 @@ def described(motion: Motion, options: FrictionOptions) -> BoolArray:
 def _is_steady(velocity: FloatArray) -> bool:
     """Return whether a log was recorded at one speed, whose means over its tenths hardly differ.
 
-    Inertia takes nothing from its mean force, which is all that it says of friction; samples
-    left out for their acceleration are noise, and the log would count less than the others.
+    Inertia takes nothing from its mean force: leaving out accelerations would leave out noise.
     """
     if velocity.size < _FEWEST_STEADY:
         return False
@@ -343,8 +341,7 @@ def leave_out_turns(
 ) -> tuple[list[Data], FrictionOptions]:
     """Leave out samples about corners of the velocity that lie between two readings.
 
-    Of a few ramps between readings far apart they have nearly all of the error. They are left out
-    where the force is clearly further off there than elsewhere.
+    They are left out where the force is clearly further off there than elsewhere.
     """
     if not all(d.experiment.time.size for d in data):
         return data, options

@@ -6,20 +6,14 @@
     f(x) = offset + scale (W_2 phi(W_1 (x - x_0) / s_x + b_1) + b_2)
 
 The first network is the feed-forward controller, the second the observer of the force that
-needs no load cell. Spring, friction and valve are not modelled one by one: that is the gray
-box ``spring-cylinder``. The paper trains 3-5-1 and 4-7-1 ReLU networks.
+needs no load cell. The paper trains 3-5-1 and 4-7-1 ReLU networks.
 
-The motion state is printed as ``s = u_j - u_(j-1)`` (equation 3). Taken literally it is
-zero whenever the command rests and grows with the sampling time; the branches of the
-hysteresis are told apart by its sign, held while the command rests. A dead band keeps
-noise from reversing it. A log's own direction column may be used instead.
+The motion state is printed as ``s = u_j - u_(j-1)`` (equation 3), which is zero whenever the
+command rests; its sign is held instead, with a dead band against noise. A log's own direction
+column may be used. Whole positions or whole logs are held out for validation, never random rows.
 
-Samples of one position are nearly copies of each other, so whole positions or whole logs
-are held out for validation, never random rows.
-
-A ``length`` that is the same throughout each log names the specimen. Specimens differ by more
-than their lengths: a curve through all of them is no guide to the next, so that between the
-recorded lengths the output is held near a straight line (:class:`...estimation.network.Chords`).
+A ``length`` that is the same throughout each log names the specimen. Between the recorded lengths
+the output is held near a straight line (:class:`...estimation.network.Chords`).
 
 References
 ----------

@@ -179,9 +179,8 @@ def solve_gray_box(
     ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI], which
     is guessed from the measured signals if left out.
 
-    Noise of the pressures may put a piston that sticks beyond its friction; it then slips in the
-    simulation, and no small step of the search brings it back, from whatever speed it has come to
-    by then. Rest is therefore tried as well, at first and at the end.
+    Noise of the pressures may let a piston slip that sticks, which no small step of the search
+    undoes. Rest is therefore tried as well, at first and at the end.
 
     Raises
     ------

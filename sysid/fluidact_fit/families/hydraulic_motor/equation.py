@@ -7,10 +7,8 @@
 with dead zone ``d``, slope ``g`` at its edge, curvature ``k`` (0: a straight line) and saturation
 from the command ``u_s`` on. All commands count from ``u_0``, at which the machine stands still
 (1500 us of a servo pulse); the dead zone may have another edge for either direction. A log of the
-angle shows ``n`` by its integral. The bend is that of a valve whose pressure drop shrinks as the
-flow grows, the sharp end that of a pump or a spool at its stop. The play is that of
-magnetisation and friction of the spool: going up the valve opens ``h/2`` later, going down
-it closes ``h/2`` later.
+angle shows ``n`` by its integral. The play is that of magnetisation and friction of the spool:
+going up the valve opens ``h/2`` later, going down it closes ``h/2`` later.
 
 A held command gives a held steady speed, and the lag behind it is exact. Of a command
 that moves between its samples the steady speed is taken to follow straight lines between

@@ -135,9 +135,8 @@ def _settle_rails(
 ) -> tuple[tuple[float, float] | None, list[Notice]]:
     """Rails that are given, or found at the extreme readings; ``None`` where both are sound.
 
-    Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
-    happened to point inwards, and would bend the ends of the curve: beside a rail that
-    clips, readings within three standard deviations of their noise are left out as well.
+    Beside a rail that clips, readings within three standard deviations of their noise are left out
+    as well: those whose noise happened to point inwards would bend the ends of the curve.
     """
     x, y = data.kept(data.reading), data.kept(data.reference)
     low, high = float(x.min()), float(x.max())
@@ -213,8 +212,7 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
 def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
     """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
 
-    In the order of the position, whose own noise counts as well. Few samples, or ones far
-    apart, say nothing of it.
+    In the order of the position, whose own noise counts as well.
     """
     if reading.size < 200:
         return 0.0

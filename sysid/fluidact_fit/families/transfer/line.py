@@ -7,9 +7,8 @@ the gain is then a pressure per command, and valve and line are one lag with one
 
 The first order stands for filling the volume at the far end, the dead time for the wave
 that has to travel there, ``L/c`` for a line of length ``L`` and sound speed ``c`` [1]_. A second
-order stands for whatever else lags, a slow sensor or a second volume, and for fluid that swings:
-``tau`` is the sum of all lags; ``tau_2`` is about the shorter of two, and above ``tau / 4`` the
-line swings. Written so, two lags that are alike are as well determined as any.
+order stands for another lag or for fluid that swings: ``tau`` is the sum of all lags; ``tau_2`` is
+about the shorter of two, and above ``tau / 4`` the line swings.
 
 References
 ----------
