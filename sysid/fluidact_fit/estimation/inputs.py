@@ -168,10 +168,8 @@ def choose_hold(signals: Sequence[Signal]) -> Hold:
 def _is_held(values: FloatArray) -> bool:
     """True if a signal keeps a level, exactly or but for noise, and jumps to the next at once.
 
-    A jump stands alone (what takes several samples is a movement) and is large beside the
-    usual change from one sample to the next. Between jumps nothing is left but what these
-    usual changes amount to: ``s / sqrt(2)`` for white noise whose differences have the
-    deviation ``s``, far more for a movement.
+    A jump stands alone and is large beside the usual change from one sample to the next. Between
+    jumps nothing is left but ``s / sqrt(2)``, noise whose differences have the deviation ``s``.
     """
     change = np.abs(np.diff(values))
     if np.unique(values).size <= 2:

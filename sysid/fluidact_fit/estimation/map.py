@@ -281,10 +281,9 @@ def robust_deviation(residual: FloatArray) -> float:
 def position_edges(x: FloatArray, samples: int) -> FloatArray | None:
     """Edges between the positions at which readings were taken, shape ``(positions - 1,)``.
 
-    Readings that were taken at rest lie in groups, as far apart as the positions are and no
-    wider than the noise: the gaps between sorted places then fall into small and large ones.
-    ``None`` where they do not: a sweep, or one reading at each position. ``samples`` says how
-    many there are where a place stands for several.
+    Gaps between sorted readings that were taken at rest are small or large; ``None`` where they are
+    not: a sweep, or one reading at each position. ``samples`` says how many there are where a
+    place stands for several.
     """
     places = np.unique(x)
     gaps = np.diff(places)
@@ -393,10 +392,9 @@ def find_uncertainty(
 ) -> Uncertainty:
     """Covariance of the unknowns of a map, per log derivatives ``(n_i, p)`` and residuals.
 
-    Samples that follow one another may have errors that do; those at one position share the error
-    of its reference, and a curve that is too stiff misses all of them alike: they then count as
-    one. ``least`` is as of :meth:`Misfit.matters`, ``readings`` as of :func:`.covariance`: where a
-    map is flat one error of a converter lasts.
+    Samples at one position that share the error of its reference, or that a stiff curve misses
+    alike, count as one. ``least`` is as of :meth:`Misfit.matters`, ``readings`` as of
+    :func:`.covariance`.
     """
     white = found = covariance(jacobians, residuals, robust=False)
     if in_order:

@@ -49,15 +49,11 @@ def solve(
     start : (p,)
         Of the nonlinear unknowns.
     max_iterations
-        Limit on accepted and rejected steps together. A fit that has taken all simulations that it
-        may ends before; see :mod:`.price`.
+        Of accepted and rejected steps; a fit ends before where :mod:`.price` says so.
     tolerance
-        Relative change of all scaled unknowns, in units of their own standard errors,
-        below which the iteration has converged. It ends as well with a step after which less than
-        ten times that can be left.
+        As in :func:`.minimise.minimise`.
     damping
-        Of the first step: little where the start is near the minimum, for it is what keeps
-        unknowns that the data hardly tell apart from getting there at once.
+        Of the first step: little where the start is near the minimum.
     """
     scales = np.array([u.scale for u in problem.nonlinear])
     tangent: Tangent | None = None

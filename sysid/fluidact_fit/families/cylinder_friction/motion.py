@@ -164,9 +164,8 @@ def _smoothed_velocity(
 def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> FloatArray | None:
     """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
-    That of a position is twice differentiated noise unless the filter is long. It is made
-    longer as long as what this changes is noise, and taken one step before that [1]_: what the
-    filter removes has to be small beside the noise that it leaves, not that it removes.
+    The filter of a position is made longer as long as what this changes is noise, and taken one
+    step before that [1]_.
 
     .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
        Probability and its Applications 35, 1990.

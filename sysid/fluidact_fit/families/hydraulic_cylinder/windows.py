@@ -112,12 +112,9 @@ def cut_windows(
 ) -> list[Windows]:  # fmt: skip
     """Windows of so many seconds of every recorded chamber that say something of the valve.
 
-    Left out: windows in which the valve has hardly any pressure drop left (a piston at the
-    end of its stroke), and, where the dead volume is not given, windows in which the pressure
-    changes, because the flow that compresses the oil is not known there.
-
-    ``overlap`` windows begin within one length; a network wants many rows, a covariance wants
-    them apart.
+    Left out are windows with hardly any pressure drop at the valve (a piston at the end of its
+    stroke) and, where the dead volume is not given, those in which the pressure changes.
+    ``overlap`` windows begin within one length.
     """
     out = []
     for index, e in enumerate(experiments):

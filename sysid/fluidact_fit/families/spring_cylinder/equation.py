@@ -13,9 +13,8 @@ inverse (equation 5)
 
     u = (F + k x + F_0 + c_l [s > 0] - c_u [s < 0] + b v) / k_F.
 
-Two readings of the print are corrected. Equation 3, ``s = u_j - u_(j-1)``, is taken as the
-*held sign* of the change: as a difference it vanishes whenever the command rests, and the
-friction with it. The line over ``k_u s_a`` in equation 5 is a division.
+Equation 3, ``s = u_j - u_(j-1)``, is taken as the *held sign* of the change: as a difference it
+vanishes whenever the command rests. The line over ``k_u s_a`` in equation 5 is a division.
 
 References
 ----------
