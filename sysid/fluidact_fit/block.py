@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import ExtrapolationWarning, NotIdentifiedError, UsageError
-from .experiment import Experiment, FloatArray
+from .experiment import Experiment, FloatArray, Hold
 from .parameters.document import ParameterDocument
 from .presentation import Presented
 from .routines.routine import Argument, Routine
@@ -230,14 +230,13 @@ class Block(Presented, ABC):
             for name in self.parameters:
                 self.parameters[name]  # refuses one that was not identified
             return self.log_simulator(self.document, values, **how)
-        simulate = getattr(self, "simulate_samples", None)
-        if simulate is None:
+        if not isinstance(self, SampleSimulator):
             raise UsageError(
                 f"a model of {self.family} does not simulate samples of one input.",
                 expected="Expected logs: paths, DataFrames or mappings of header to array.",
                 remedy="Give logs, or use the methods of the model itself.",
             )
-        return np.asarray(simulate(values, time, **how))
+        return np.asarray(self.simulate_samples(values, time, **how))
 
     def numbers(self) -> dict[str, float]:
         """Every single-valued parameter [SI].
@@ -472,6 +471,42 @@ class LinearBlock(SteppedBlock):
     @abstractmethod
     def linear_model(self) -> LinearModel:
         """Return the continuous model."""
+
+
+class SampleSimulator(ABC):
+    """A block of one input that simulates samples of it."""
+
+    @abstractmethod
+    def simulate_samples(
+        self,
+        values: npt.ArrayLike,
+        time: npt.ArrayLike | None = None,
+        *,
+        hold: Hold = "zoh",
+        before: float | None = None,
+        output: float | None = None,
+    ) -> FloatArray:
+        """Simulate a whole record; the state of :meth:`.SteppedBlock.step` is not touched.
+
+        Parameters
+        ----------
+        values : (n,)
+            Input [unit of the input].
+        time : (n,), optional
+            Instants [s], evenly spaced or not; one ``sample_time`` apart when left out.
+        hold
+            How the input moves between instants: ``"zoh"``, ``"foh"`` (straight lines),
+            ``"smooth"`` or ``"auto"`` (smooth where the samples show it, else straight lines).
+        before
+            Input before the first sample; the first value when left out.
+        output
+            Output before the first sample.
+
+        Returns
+        -------
+        (n,)
+            Output [unit of the output].
+        """
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import DryDrive, DryDriveBlock, Port
+from ...block import DryDrive, DryDriveBlock, Port, SampleSimulator
 from ...errors import UsageError
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
@@ -21,7 +21,7 @@ from ...specification import scalars
 from .model import BREAKAWAY, SPEED, DriveModel, axis_of
 
 
-class DriveBlock(DryDriveBlock):
+class DriveBlock(DryDriveBlock, SampleSimulator):
     """A mass or inertia with viscous and dry friction.
 
     ``J v' = tau - b v - F_k(sign v)`` while it moves, with friction that falls from the static
@@ -157,26 +157,10 @@ class DriveBlock(DryDriveBlock):
         output: float | None = None,
         velocity: float = 0.0,
     ) -> FloatArray:
-        """Simulate a whole record; the state of :meth:`step` is not touched.
+        """Simulate a whole record; see :meth:`.SampleSimulator.simulate_samples`.
 
-        Parameters
-        ----------
-        values : (n,)
-            Input [unit of the input].
-        time : (n,), optional
-            Instants [s], evenly spaced or not; one ``sample_time`` apart when left out.
-        hold
-            How the input moves between instants: ``"zoh"``, ``"foh"`` (straight lines),
-            ``"smooth"`` or ``"auto"`` (smooth where the samples show it, else straight lines).
-        before
-            Not used: the drive has no dead time.
-        output, velocity
-            Position and velocity at the first instant, 0 when left out.
-
-        Returns
-        -------
-        (n,)
-            Position [unit of the output].
+        ``output`` and ``velocity`` are position and velocity at the first instant, 0 when left out.
+        ``before`` is not used: the drive has no dead time.
         """
         if time is None:
             self._need_sample_time("sample time")

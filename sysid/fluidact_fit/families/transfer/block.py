@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import LinearBlock, LinearModel
+from ...block import LinearBlock, LinearModel, SampleSimulator
 from ...errors import UsageError
 from ...estimation.discrete import companion, discretise
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
@@ -41,7 +41,7 @@ class TransferFunction:
 Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
 
 
-class TransferBlock(LinearBlock):
+class TransferBlock(LinearBlock, SampleSimulator):
     """A linear model that steps once per sample, with a dead zone before it where it has one.
 
     The difference equation is the exact sampling of the continuous model for an input that
@@ -206,28 +206,10 @@ class TransferBlock(LinearBlock):
         before: float | None = None,
         output: float | None = None,
     ) -> FloatArray:
-        """Simulate a whole record from rest; the state of :meth:`step` is not touched.
+        """Simulate a whole record from rest; see :meth:`.SampleSimulator.simulate_samples`.
 
-        Parameters
-        ----------
-        values : (n,)
-            Input [unit of the input].
-        time : (n,), optional
-            Instants [s], evenly spaced or not. The continuous model is then solved exactly
-            for an input that moves as ``hold`` says. Without it the samples are one
-            ``sample_time`` apart and the difference equation is stepped.
-        hold
-            ``"zoh"``, ``"foh"`` (straight lines), ``"smooth"`` or ``"auto"`` (smooth where
-            the samples show it, else straight lines).
-        before
-            Input before the first sample; the first value when left out.
-        output
-            Output before the first sample, as in :meth:`reset`.
-
-        Returns
-        -------
-        (n,)
-            Output [unit of the output].
+        With instants the continuous model is solved exactly for an input that moves as ``hold``
+        says, without them the difference equation is stepped. ``output`` is as in :meth:`reset`.
         """
         role = self.variant.driving[0]
         self.watch(**{role.name: values})

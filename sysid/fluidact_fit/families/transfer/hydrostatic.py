@@ -138,10 +138,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     def beginnings(self, values: Values) -> Free:
         """An initial velocity, and with a spring a constant force beside the offset.
 
-        ``1 / k`` times the change of the free response to an initial position is minus the
-        response to a constant force: beside an offset they stand for the same, and only the
-        latter can be computed with a spring that hardly is one. Without a spring the initial
-        position is an offset.
+        Beside an offset the constant force stands for an initial position, and it can be computed
+        with a spring that hardly is one. Without a spring the initial position is an offset.
         """
         a, b, c = self.realise(values)
         k = values.get("stiffness")
