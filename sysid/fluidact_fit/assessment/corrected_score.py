@@ -1,9 +1,8 @@
 """Corrected score: regression of the residual without what noise of a measured input adds.
 
-The residual holds ``-G w`` of the noise ``w`` of an input, and every derivative of the output
-what the model makes of it: their products have a mean although nothing is missing. What a draw of
-the same noise, added once more, changes in either has products of that mean; without it the score
-is that of exact inputs [1]_. Derivation: ``docs/theory/score-test.md``.
+Noise of an input is in the residual and in every derivative of the output, whose products then have
+a mean. That which a draw of the same noise adds is taken away [1]_. Derivation:
+``docs/theory/score-test.md``.
 
 References
 ----------

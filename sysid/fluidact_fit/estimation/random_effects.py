@@ -5,8 +5,7 @@
 the random-effects model of meta-analysis. ``mu`` and ``tau`` follow from restricted maximum
 likelihood [1]_ over the units that are no outliers; a unit is one when it lies further from
 ``mu`` than ``sqrt(tau**2 + s_i**2)`` allows among so many (two-sided t test at 5 % over all
-units together, Bonferroni). So a poorly determined unit is not called odd for its noise, and a
-sharply determined one may be although its value looks ordinary beside noisier ones.
+units together, Bonferroni).
 
 References
 ----------

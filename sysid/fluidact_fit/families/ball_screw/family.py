@@ -9,9 +9,7 @@ one to the other at once when the axis moves, or with ``--stribeck estimate`` ov
 position. The motion is solved with events (:mod:`fluidact_fit.mechanics`); nothing is smoothed
 in the estimate.
 
-Three stages: the inverse dynamics by linear least squares on smoothed derivatives, the static
-levels by a profile over the commanded ones, then position. A one-shot fit of the position from
-a guess ends in a local minimum.
+Three stages: inverse dynamics, static levels, position; see ``docs/theory/static-levels.md``.
 
 References
 ----------

@@ -1,9 +1,7 @@
 """Static levels: one profile of the misfit over the levels that a drive was commanded to.
 
-A drive that is held between samples jumps past the static level, so that the motion does not
-depend on where between two commanded levels it lies: the misfit is a staircase, which a gradient
-does not see. Under any other drive a search from the wrong levels may never break away. Both are
-met by trying the cells between commanded levels, coarse to fine, all other parameters refitted.
+The cells between commanded levels are tried, coarse to fine, all other parameters refitted; see
+``docs/theory/static-levels.md``.
 """
 
 from __future__ import annotations
