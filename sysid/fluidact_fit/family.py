@@ -139,6 +139,9 @@ class PhysicsView:
     curves: Sequence[Curve]
 
 
+Runs = Sequence[tuple[Experiment, Simulated]]  # of a picture, each with its simulation
+
+
 class Family(ABC, Generic[OptionsT]):
     """A model family: equation, roles, parameters, estimation, and what a controller runs.
 
@@ -272,24 +275,14 @@ class Family(ABC, Generic[OptionsT]):
         """
         return None
 
-    def static_view(
-        self,
-        plant: Plant[OptionsT],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView | None:
+    def static_view(self, plant: Plant[OptionsT], runs: Runs) -> StaticView | None:
         """Return what a picture of a static map shows, ``None`` for a dynamic model.
 
-        ``simulated`` is what :meth:`simulate` gave for the experiments.
+        ``runs`` are experiments, each with what :meth:`simulate` gave for it.
         """
         return None
 
-    def physics_view(
-        self,
-        plant: Plant[OptionsT],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> PhysicsView | None:
+    def physics_view(self, plant: Plant[OptionsT], runs: Runs) -> PhysicsView | None:
         """Return the law inside a dynamic model as a picture shows it, ``None`` for none.
 
         Parameters are those of :meth:`static_view`.

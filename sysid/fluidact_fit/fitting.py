@@ -191,7 +191,8 @@ def fit(
         document, said = make_parameter_document(
             found, validation, notices, controller_sample_time, command
         )
-        view = chosen.static_view(found.plant, found.experiments, found.simulated)
+        pairs = list(zip(found.experiments, found.simulated, strict=True))
+        view = chosen.static_view(found.plant, pairs)
         result = FitResult(
             family, variant, found.solution, found.fitted, validation, document, said, view,
             given.inputs,

@@ -440,7 +440,7 @@ def test_two_pressures_stand_in_for_the_force() -> None:
     bare = {r: s for r, s in log.signals.items() if r != "pressure"}
     (alone,) = FAMILY.simulate(plant, [replace(log, signals=bare)])
     assert alone.output == pytest.approx(found.output)
-    view = FAMILY.static_view(plant, [log], simulated)
+    view = FAMILY.static_view(plant, [(log, found)])
     assert np.std((view.measured - view.fitted)[view.used]) < 0.1
 
 

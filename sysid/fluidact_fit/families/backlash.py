@@ -48,6 +48,7 @@ from ..family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -345,18 +346,13 @@ class Backlash(Family[BacklashOptions]):
         numbers = {"half_width": 0.5 * v["play"], "ratio": v["ratio"], "offset": v["offset"]}
         return {"play": {**numbers, "lost_motion": v["play"] / abs(v["ratio"])}}
 
-    def static_view(
-        self,
-        plant: Plant[BacklashOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[BacklashOptions], runs: Runs) -> StaticView:
         """Load less what it would be without play, over the drive, and both sides of the play."""
-        v, units = plant.numbers, experiments[0].units
-        x = np.concatenate([e.sampled("drive") for e in experiments])
-        y = np.concatenate([e.sampled("load") for e in experiments])
-        level = np.concatenate([np.full(s.output.size, s.offset) for s in simulated])
-        found = np.concatenate([s.output for s in simulated])
+        v, units = plant.numbers, runs[0][0].units
+        x = np.concatenate([e.sampled("drive") for e, _ in runs])
+        y = np.concatenate([e.sampled("load") for e, _ in runs])
+        level = np.concatenate([np.full(s.output.size, s.offset) for _, s in runs])
+        found = np.concatenate([s.output for _, s in runs])
         ends, free = np.array([x.min(), x.max()]), v["ratio"] * x + level
         half = np.full(2, 0.5 * v["play"])
         return StaticView(

@@ -43,6 +43,7 @@ from ..family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -259,20 +260,15 @@ class FlowMap(Family[FlowMapOptions]):
         commands = sorted([*ends, *edges, *middle])
         return {"curve": {"command": commands, "flow": valve_flow(commands, v).tolist()}}
 
-    def static_view(
-        self,
-        plant: Plant[FlowMapOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[FlowMapOptions], runs: Runs) -> StaticView:
         """Flow over command, and the map at the reference pressure drop."""
-        data, units = _gather(experiments, plant.options), experiments[0].units
+        data, units = _gather([e for e, _ in runs], plant.options), runs[0][0].units
         u = data.x[:, 0]
         line, reference = np.linspace(u.min(), u.max(), 500), plant.options.reference_pressure
         label = f"flow map at {1e-5 * reference:.3g} bar" if reference else "flow map"
         return StaticView(
             "command", units["command"], "flow", units["flow"], u, data.y,
-            np.concatenate([s.output for s in simulated]), np.isfinite(data.y),
+            np.concatenate([s.output for _, s in runs]), np.isfinite(data.y),
             [Curve(label, line, np.real(valve_flow(line, plant.numbers)))],
         )  # fmt: skip
 

@@ -63,9 +63,8 @@ def physics_view(result: Outcome) -> PhysicsView | None:
     """The law inside a dynamic model, as its family shows it; ``None`` for long records."""
     if is_too_long(result):
         return None
-    found = [Simulated(s.simulated, offset=s.offset) for s in result.fitted]
-    family = get_family(result.family)
-    return family.physics_view(result.solution.plant, result.experiments, found)
+    runs = [(s.experiment, Simulated(s.simulated, offset=s.offset)) for s in result.fitted]
+    return get_family(result.family).physics_view(result.solution.plant, runs)
 
 
 def _closeups(result: Outcome) -> list[_Closeup]:

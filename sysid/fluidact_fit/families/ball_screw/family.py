@@ -39,6 +39,7 @@ from ...family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     UnmodelledEffect,
@@ -158,14 +159,9 @@ class BallScrew(Family[BallScrewOptions]):
         speed = motion.velocity[samples]
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
 
-    def physics_view(
-        self,
-        plant: Plant[BallScrewOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> PhysicsView:
+    def physics_view(self, plant: Plant[BallScrewOptions], runs: Runs) -> PhysicsView:
         """Friction over speed, kinetic law and static levels; see :func:`friction_view`."""
-        return friction_view(plant, experiments, simulated)
+        return friction_view(plant, runs)
 
     def model(
         self, plant: Plant[BallScrewOptions], sample_time: float, hold: Hold

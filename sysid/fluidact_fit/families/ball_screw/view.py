@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...experiment import BoolArray, Experiment, FloatArray
-from ...family import Curve, PhysicsView, Plant, Simulated
+from ...family import Curve, PhysicsView, Plant, Runs, Simulated
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.local_motion import local_motion
 from .model import SIDES, Axis, BallScrewOptions, axis_of
@@ -17,23 +17,19 @@ _STUCK = 0.01  # of the highest speed
 _HALF_WIDTH = 0.06  # of a mark of a static level, in highest speeds
 
 
-def friction_view(
-    plant: Plant[BallScrewOptions],
-    experiments: Sequence[Experiment],
-    simulated: Sequence[Simulated],
-) -> PhysicsView:
+def friction_view(plant: Plant[BallScrewOptions], runs: Runs) -> PhysicsView:
     """Drive less inertia over speed: measured, the kinetic law, and the static levels.
 
     Samples whose neighbours stick or move the other way are left out: a parabola through both
     is neither.
     """
     axis, v = axis_of(plant.variant), plant.numbers
-    parts = [_measured(e, s, axis, v) for e, s in zip(experiments, simulated, strict=True)]
+    parts = [_measured(e, s, axis, v) for e, s in runs]
     speed, friction = (np.concatenate(part) for part in zip(*parts))
     top = float(np.nanmax(np.abs(speed), initial=0.0)) or 1.0
     laws = [_law(FrictionLaw.of(v), way, top) for way in (1.0, -1.0)]
     kinetic, static = (_joined(pairs) for pairs in zip(*laws))
-    units = experiments[0].units
+    units = runs[0][0].units
     return PhysicsView(
         f"Friction over speed: {axis.drive} less inertia", "speed", f"{units[axis.motion]}/s",
         "friction", units[axis.drive], Curve("measured", speed, friction),

@@ -47,6 +47,7 @@ from ...family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -305,19 +306,14 @@ class CylinderFriction(Family[FrictionOptions]):
             }
         }
 
-    def static_view(
-        self,
-        plant: Plant[FrictionOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[FrictionOptions], runs: Runs) -> StaticView:
         """Friction over velocity: drive less pressure, inertia and offset, and the fitted lines."""
         axis = axis_of(plant.variant)
-        data, _ = prepare(plant.variant, experiments, plant.options)
+        data, _ = prepare(plant.variant, [e for e, _ in runs], plant.options)
         law = FrictionLaw.of(plant.numbers)
         v = np.concatenate([d.motion.sharp for d in data])
         used = np.concatenate([d.kept for d in data])
-        offsets = [d.scale * (s.offset or 0.0) for d, s in zip(data, simulated)]
+        offsets = [d.scale * (s.offset or 0.0) for d, (_, s) in zip(data, runs)]
         friction = np.concatenate([d.friction - c for d, c in zip(data, offsets)])
         lines = []
         for side, sign in zip(SIDES, (1.0, -1.0)):

@@ -40,6 +40,7 @@ from ...family import (
     ParameterSpec,
     Plant,
     Request,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -159,24 +160,19 @@ class ForceMap(Family[ForceMapOptions]):
             }
         }
 
-    def static_view(
-        self,
-        plant: Plant[ForceMapOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[ForceMapOptions], runs: Runs) -> StaticView:
         """Output over command or force, with the branches at the outermost positions."""
         options = plant.options
         names, target = options.names, options.target
         source = options.driver if options.driver in names else names[0]
-        x = np.vstack([input_table(e, names, options) for e in experiments])
-        used = np.concatenate([s.used for s in simulated if s.used is not None])
-        signals = experiments[0].signals
+        x = np.vstack([input_table(e, names, options) for e, _ in runs])
+        used = np.concatenate([s.used for _, s in runs if s.used is not None])
+        signals = runs[0][0].signals
         return StaticView(
             source, signals[source].unit if source in signals else "m/s",
             target, signals[target].unit,
-            x[:, names.index(source)], np.concatenate([column_of(e, target) for e in experiments]),
-            np.concatenate([s.output for s in simulated]), used,
+            x[:, names.index(source)], np.concatenate([column_of(e, target) for e, _ in runs]),
+            np.concatenate([s.output for _, s in runs]), used,
             branch_curves(NetworkMap.of(plant.values, options.activation), x[used], names, source),
         )  # fmt: skip
 

@@ -33,6 +33,7 @@ from ...family import (
     Quantity,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     Structure,
@@ -179,13 +180,10 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return simulate_runs(plant, experiments)
 
     def physics_view(
-        self,
-        plant: Plant[HydraulicCylinderOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
+        self, plant: Plant[HydraulicCylinderOptions], runs: Runs
     ) -> PhysicsView | None:
         """Return the flow of a chamber over the command, by a network too where there is one."""
-        case = make_case(plant.variant, experiments, Request(plant.options))
+        case = make_case(plant.variant, [e for e, _ in runs], Request(plant.options))
         return flow_curve(case, plant.values)
 
     def unmodelled_effects(

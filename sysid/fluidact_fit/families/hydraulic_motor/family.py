@@ -26,6 +26,7 @@ from ...family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -257,12 +258,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         offset = [output_offset(output)] if plant.options.offset == "none" else []
         return [soft_edges(plant, "command", (middle + low, middle + high)), *offset]
 
-    def physics_view(
-        self,
-        plant: Plant[MotorOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> PhysicsView | None:
+    def physics_view(self, plant: Plant[MotorOptions], runs: Runs) -> PhysicsView | None:
         """Settled speed over command, and the loop of play and curve for a slow command.
 
         Nothing where the speed was not recorded, or was steady anyway.
@@ -270,7 +266,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         if plant.variant.output.name != "speed" or plant.variant.name == STATIC:
             return None
         v, commands, speeds = plant.numbers, [], []
-        for e, s in zip(experiments, simulated, strict=True):
+        for e, s in runs:
             commands.append(delayed(e.time, e.sampled("command"), v.get("dead_time", 0.0)))
             rate = np.abs(np.gradient(s.output, e.time)) * v["time_constant"]
             settled = rate <= _SETTLED * float(np.ptp(s.output[np.isfinite(s.output)]))
@@ -279,7 +275,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         up = np.linspace(np.nanmin(x), np.nanmax(x), 400)
         spool = play(np.concatenate((up[::-1], up, up[::-1])), v.get("hysteresis", 0.0))[0]
         rising, falling = np.split(static_speed(spool, v), 3)[1:]
-        units = experiments[0].units
+        units = runs[0][0].units
         return PhysicsView(
             "Steady speed over command", "command", units["command"], "speed", units["speed"],
             Curve("measured", x, np.concatenate(speeds)),
@@ -304,23 +300,18 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             )
         return section
 
-    def static_view(
-        self,
-        plant: Plant[MotorOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView | None:
+    def static_view(self, plant: Plant[MotorOptions], runs: Runs) -> StaticView | None:
         """Speed over command going up and coming down, of settled points."""
         if plant.variant.name != STATIC:
             return None
-        u, units = np.concatenate([e.sampled("command") for e in experiments]), experiments[0].units
-        speed, v = np.concatenate([e["speed"] for e in experiments]), plant.numbers
+        u, units = np.concatenate([e.sampled("command") for e, _ in runs]), runs[0][0].units
+        speed, v = np.concatenate([e["speed"] for e, _ in runs]), plant.numbers
         line, half = np.linspace(u.min(), u.max(), 500), 0.5 * v["hysteresis"]
         curves = [Curve(label, line, np.real(static_speed(line + shift, v)))
                   for label, shift in (("rising", -half), ("falling", half))]  # fmt: skip
         return StaticView(
             "command", units["command"], "speed", units["speed"], u, speed,
-            np.concatenate([s.output for s in simulated]), np.isfinite(speed),
+            np.concatenate([s.output for _, s in runs]), np.isfinite(speed),
             curves if half else curves[:1],
         )  # fmt: skip
 

@@ -40,6 +40,7 @@ from ...family import (
     Quantity,
     Request,
     Role,
+    Runs,
     Simulated,
     Solution,
     StaticView,
@@ -185,20 +186,15 @@ class Potentiometer(Family[PotentiometerOptions]):
         branches = dict(zip(("rising", "falling"), ratios))
         return {"curve": curve | {"hysteresis_dead_band": c.dead_band} | branches}
 
-    def static_view(
-        self,
-        plant: Plant[PotentiometerOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[PotentiometerOptions], runs: Runs) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""
-        data, c = gather(experiments), Calibration.of(plant.values)
+        data, c = gather([e for e, _ in runs]), Calibration.of(plant.values)
         t = np.linspace(0.0, 1.0, 500)
         names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
         points = c.curves[0][0]
         return StaticView(
             "reading", data.unit, "reference", data.output.unit,
-            data.reading, data.reference, joined([s.output for s in simulated]),
+            data.reading, data.reference, joined([s.output for _, s in runs]),
             where_both(data.used, between(data.reading, plant.options.rails)),
             [
                 Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))

@@ -27,6 +27,7 @@ from ...family import (
     Plant,
     Request,
     Role,
+    Runs,
     Simulate,
     Simulated,
     Solution,
@@ -186,19 +187,14 @@ class SpringCylinder(Family[SpringOptions]):
             }
         }
 
-    def static_view(
-        self,
-        plant: Plant[SpringOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> StaticView:
+    def static_view(self, plant: Plant[SpringOptions], runs: Runs) -> StaticView:
         """Force over command or pressure, both branches at the outermost positions."""
-        runs, _ = prepare(plant.variant, experiments, plant.options)
+        data, _ = prepare(plant.variant, [e for e, _ in runs], plant.options)
         drive, force, position = (
-            np.concatenate([getattr(d, k) for d in runs]) for k in ("drive", "force", "position")
+            np.concatenate([getattr(d, k) for d in data]) for k in ("drive", "force", "position")
         )
         used = np.concatenate([s.used if s.used is not None else d.kept
-                               for s, d in zip(simulated, runs)])  # fmt: skip
+                               for (_, s), d in zip(runs, data)])  # fmt: skip
         law = SpringLaw.of(plant.numbers)
         ends = np.array([drive[used].min(), drive[used].max()])
         places = (("low", float(position[used].min())), ("high", float(position[used].max())))
@@ -207,10 +203,10 @@ class SpringCylinder(Family[SpringOptions]):
             for word, x in places
             for way, s in (("loading", 1.0), ("unloading", -1.0))
         ]
-        fitted = np.concatenate([s.output for s in simulated])
+        fitted = np.concatenate([s.output for _, s in runs])
         name = plant.variant.name
         return StaticView(
-            name, experiments[0].signals[name].unit, "force", "N",
+            name, runs[0][0].signals[name].unit, "force", "N",
             drive, force, fitted, used, curves,
         )  # fmt: skip
 

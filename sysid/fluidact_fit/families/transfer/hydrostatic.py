@@ -40,7 +40,7 @@ from ...family import (
     Quantity,
     Request,
     Role,
-    Simulated,
+    Runs,
     Structure,
     UnmodelledEffect,
     Variant,
@@ -158,24 +158,19 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """
         return [{"stiffness": 0.0}] if values.get("stiffness") else []
 
-    def physics_view(
-        self,
-        plant: Plant[HydrostaticOptions],
-        experiments: Sequence[Experiment],
-        simulated: Sequence[Simulated],
-    ) -> PhysicsView | None:
+    def physics_view(self, plant: Plant[HydrostaticOptions], runs: Runs) -> PhysicsView | None:
         """Velocity over force with the dead zone; none with a spring, which has no such curve."""
         v = plant.numbers
         if v.get("stiffness"):
             return None
         forces, speeds = [], []
-        for e, s in zip(experiments, simulated, strict=True):
+        for e, s in runs:
             position, force = e.sampled("position"), e.sampled("force")
             noise = float(np.nanstd(position - s.output))
             fine = 0.05 * float(np.std(force)) / v["damping"]
             speeds.append(local_motion(e.time, position, noise, fine)[0])
             forces.append(delayed(e.time, force, v.get("dead_time", 0.0)))
-        x, units = np.concatenate(forces), experiments[0].units
+        x, units = np.concatenate(forces), runs[0][0].units
         edges = v["dead_zone_negative"], v["dead_zone_positive"]
         along = np.unique([*np.linspace(np.nanmin(x), np.nanmax(x), 200), *edges])
         beyond = np.maximum(along - edges[1], 0.0) + np.minimum(along - edges[0], 0.0)
