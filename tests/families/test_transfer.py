@@ -14,7 +14,7 @@ from studies.red_team.attacks import hydrostatic, valve
 from studies.red_team.run import run as run_attack
 
 import fluidact_fit as ff
-from fluidact_fit import NotIdentifiedError, UsageError
+from fluidact_fit import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.assessment import examine
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.estimation.named_model import bind
@@ -202,6 +202,16 @@ def test_an_edge_never_crossed_is_not_written_as_measured() -> None:
     message = next(n.message for n in found.notices if n.code == "not-identified")
     assert "negative direction" in message
     within(found, {"mass": 53.7, "damping": 1720.5, "dead_zone_positive": 1.2})
+
+
+@pytest.mark.parametrize("zero", [8.0, -5.0])
+def test_a_zero_of_the_load_cell_beyond_the_dead_zone_is_named(zero: float) -> None:
+    """Both edges are read on one side: a spring, or faster motion, was to be tried."""
+    log = hydrostatic_log(4)
+    log = log.with_readings("force", log["force"] + zero)
+    with pytest.raises(LogError, match="rests at forces of about") as raised:
+        fit("hydrostatic", [log])
+    assert "zero of the load cell" in raised.value.what
 
 
 def test_no_motion_is_refused_with_the_remedy() -> None:

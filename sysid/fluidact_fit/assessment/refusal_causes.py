@@ -17,6 +17,7 @@ from . import policy
 
 _LAGS = range(1, 51)  # samples
 _SPEED = 5  # samples over which a change is taken
+_CONTROLLED = "Of a loop at a constant set point, record with steps of it or with the loop open."
 _SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
 
 
@@ -42,8 +43,8 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
         if _follows(runs, role, output) or (before and all(x is False for x in before)):
             yield Cause(
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "
-                "be swapped, and",
-                f"Check --column {role}=... and --column {output}=...",
+                f"be swapped, or a controller moves '{role}' to hold '{output}', and",
+                f"Check --column {role}=... and --column {output}=... {_CONTROLLED}",
             )
         yield from _reversed_signs(runs, role, output)
     measured = [r.name for r in variant.roles if r.name != "time" and r.hold != "zoh"]
@@ -139,8 +140,10 @@ def _reversed_signs(runs: Sequence[Experiment], role: str, output: str) -> Itera
     along = [name for name, sign in signs.items() if sign > 0]
     if against and not along:
         yield Cause(
-            f"'{output}' moves against '{role}': one of them seems to have the other sign, and",
-            f"If so, give --scale {role}=-1 or --scale {output}=-1; else check their columns.",
+            f"'{output}' moves against '{role}': one of them seems to have the other sign, or a "
+            "controller holds it, and",
+            f"If so, give --scale {role}=-1 or --scale {output}=-1; else check their columns. "
+            f"{_CONTROLLED}",
         )
     elif against:
         fewer = min(against, along, key=len)

@@ -18,12 +18,13 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...errors import LogError, Notice
+from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.named_model import Values, bind
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
@@ -31,7 +32,7 @@ from ...estimation.response_model import Beginning, Plan, ResponseOptions, Respo
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
-from ...experiment import Experiment
+from ...experiment import Experiment, Signal
 from ...family import (
     Curve,
     ParameterSpec,
@@ -41,6 +42,7 @@ from ...family import (
     Request,
     Role,
     Runs,
+    Solution,
     Structure,
     UnmodelledEffect,
     Variant,
@@ -51,6 +53,10 @@ from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
 from .dry_friction import dry_friction
 from .model import Free, TransferModel
+
+EDGES = ("dead_zone_negative", "dead_zone_positive")
+_RESTING = 0.03  # of the highest speed, below which the piston rests
+_ASIDE = 0.05  # of the largest force, by which that at rest may lie outside the dead zone
 
 
 @dataclass(frozen=True)
@@ -184,6 +190,37 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """``1 / (mass s^2 + damping s + stiffness)``."""
         return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
 
+    def estimate(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[HydrostaticOptions],
+    ) -> Solution[HydrostaticOptions]:
+        """Fit, and look for a zero of the load cell beyond the edges; see :meth:`Family.estimate`.
+
+        Within the dead zone the piston rests. Where it does so at forces that are not between the
+        edges that were found, or where none were, these forces are tried as the zero.
+        """
+        found, error, edges = None, None, (0.0, 0.0)
+        try:
+            found = super().estimate(variant, experiments, request)
+            edges = _edges_of(found)
+        except NotIdentifiedError as refused:
+            error = refused
+        rest, reach = _force_at_rest(experiments)
+        aside = abs(rest) > _ASIDE * reach  # a fit of one edge alone ends with the other at zero
+        if aside and (0.0 in edges or not edges[0] <= rest <= edges[1]):
+            moved = [e.with_readings("force", e["force"] - rest) for e in experiments]
+            with suppress(NotIdentifiedError):
+                other = super().estimate(variant, moved, request)
+                low, high = (rest + edge for edge in _edges_of(other))
+                if low * high > 0.0 and (found is None or _misfit(other) < 0.5 * _misfit(found)):
+                    raise _zero_is_off(experiments[0].signals["force"], rest, low, high)
+        if found is None:
+            assert error is not None
+            raise error
+        return found
+
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals."""
         step, span = time_scales(experiments)
@@ -270,6 +307,36 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             }
 
         return fitted.derive(units, function), []
+
+
+def _edges_of(found: Solution[HydrostaticOptions]) -> tuple[float, float]:
+    """Both edges of the dead zone [N]."""
+    return found.parameters[EDGES[0]].number, found.parameters[EDGES[1]].number
+
+
+def _misfit(found: Solution[HydrostaticOptions]) -> float:
+    """Sum of the squared residuals of the position [m^2]."""
+    return float(
+        sum(np.nansum((r.experiment["position"] - r.simulated.output) ** 2) for r in found.runs)
+    )
+
+
+def _force_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Median of the forces at which the piston rests, and the largest force [N]."""
+    forces = np.concatenate([e["force"] for e in experiments])
+    speeds = np.abs(np.concatenate([np.gradient(e["position"], e.time) for e in experiments]))
+    resting = forces[speeds < _RESTING * np.quantile(speeds, 0.98)]
+    return float(np.median(resting)) if resting.size else 0.0, float(np.abs(forces).max())
+
+
+def _zero_is_off(force: Signal, rest: float, low: float, high: float) -> LogError:
+    return LogError(
+        f"the piston rests at forces of about {force.text(rest, '.3g')}: the zero of the load cell "
+        "is off, or a weight or a spring pulls.",
+        expected=f"Both edges of the dead zone would be on one side of zero, at "
+        f"{force.text(low, '.3g')} and {force.text(high, '.3g')}. Nothing was written.",
+        remedy="Read the force while nothing acts, and take it off the column.",
+    )
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
