@@ -138,6 +138,18 @@ def _wrapped(r: Recording, rng: np.random.Generator, role: str, span: float) -> 
     return {**r, role: (r[role] - r[role].min()) % (span * float(np.ptp(r[role])))}
 
 
+def _resampled(r: Recording, rng: np.random.Generator, rate: float) -> Recording:
+    """A log brought to another rate on straight lines."""
+    t = r["time"]
+    new = np.arange(0.0, t[-1], t[1] / rate)
+    return {role: new if role == "time" else np.interp(new, t, x) for role, x in r.items()}
+
+
+def _off_zero(r: Recording, rng: np.random.Generator, by: float) -> Recording:
+    """A load cell that reads another force while nothing acts."""
+    return {**r, "force": r["force"] + by}
+
+
 def _valve_before(r: Recording, rng: np.random.Generator, width: float) -> Recording:
     """A proportional valve with hysteresis, in volts, before the cylinder."""
     u = r["command"]
@@ -219,6 +231,21 @@ def attacks() -> Iterator[Attack]:
                     record=partial(_spoilt, record=hydrostatic.record,
                                    spoil=partial(_wrapped, role="position",
                                                  span=span)))  # fmt: skip
+    for rate in (1.5, 2.0, 3.7):
+        for attack, truth, record in (
+            (tube, LINE, line.smooth),
+            (press, hydrostatic.TRUTH, hydrostatic.record),
+        ):
+            yield attack("resampled on straight lines", f"{rate:g} times as fast", truth,
+                         partial(_spoilt, record=partial(record, truth=truth),
+                                 spoil=partial(_resampled, rate=rate)),
+                         repetitions=3)  # fmt: skip
+    for by in (-6.0, -1.0, 2.0, 5.0):
+        unlike = ("dead_zone_negative", "dead_zone_positive")  # both edges move with the zero
+        rest = {k: v for k, v in hydrostatic.TRUTH.items() if k not in unlike}
+        yield press("zero of the load cell", f"{by:+g} N", rest,
+                    partial(_spoilt, record=hydrostatic.record, spoil=partial(_off_zero, by=by)),
+                    repetitions=3)  # fmt: skip
     for width in (0.05, 0.2):
         yield Attack("spring-cylinder", "hysteresis of the valve", f"{width:g} V",
                      spring_cylinder.TRUTH, partial(spring_cylinder.log, p=spring_cylinder.TRUTH,
