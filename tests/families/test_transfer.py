@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 from studies.red_team.attacks import hydrostatic, valve
 from studies.red_team.run import run as run_attack
 
@@ -19,7 +19,8 @@ from fluidact_fit.assessment import examine
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.estimation.named_model import bind
 from fluidact_fit.estimation.problem import Unknown
-from fluidact_fit.estimation.separable import evaluate
+from fluidact_fit.estimation.response_model import Beginning, ResponseTask
+from fluidact_fit.estimation.separable import evaluate, solve
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Request, Solution
@@ -390,3 +391,67 @@ def test_of_a_dead_time_and_a_zero_the_zero_is_given_up() -> None:
         q = found.parameters[name]
         assert q.status == "estimated", name
         assert abs(float(q.number) - value) < 4.0 * float(q.std_error)
+
+
+def zero_recording(seed: int, wn: float, zeta: float, zero: float, late: int) -> dict:
+    """Steps of a valve with a zero, exact for a held command; ``late`` samples of dead time."""
+    rng, step = np.random.default_rng(seed), 0.002
+    u = np.repeat(rng.uniform(0.0, 3.0, 25), rng.integers(40, 160, 25))
+    system = [wn**2 * zero, wn**2], [1.0, 2.0 * zeta * wn, wn**2]
+    (b,), a, _ = cont2discrete(system, step, "zoh")
+    y = lfilter(np.r_[np.zeros(late), b], a, u - u[0]) + u[0]
+    y += 0.003 * rng.standard_normal(u.size)
+    return {"time": step * np.arange(u.size), "command": u, "outlet": 40.0 * y}
+
+
+@pytest.mark.parametrize(
+    ("seed", "wn", "zeta", "zero", "late"),
+    [
+        (13, 30.0, 1.01, 0.04, 6),  # 8 standard errors off
+        (14, 61.0, 1.28, 1.5 / 61.0, 0),  # the zero 72 standard errors off
+        (23, 38.0, 1.45, 1.5 / 38.0, 2),  # refused: "it could be anything"
+    ],
+    ids=["near-critical-late", "overdamped", "overdamped-late"],
+)
+def test_a_zero_that_nearly_cancels_a_pole(seed, wn, zeta, zero, late) -> None:
+    asked = {"zero": "estimate", "dead_time": "estimate" if late else "none"}
+    found = ff.fit("valve", zero_recording(seed, wn, zeta, zero, late), **asked)
+    assert found.verdict == "pass"
+    truth = {"natural_frequency": wn, "damping_ratio": zeta, "zero_time_constant": zero}
+    for name, value in truth.items():
+        q = found.parameters[name]
+        assert abs(float(q.number) - value) < 4.0 * float(q.std_error), name
+
+
+def test_other_zeros_leave_mean_and_spread_of_the_response() -> None:
+    """The first two derivatives of the transfer function at s = 0, from its coefficients."""
+    at = {"natural_frequency": 45.0, "damping_ratio": 1.3, "zero_time_constant": 0.012}
+
+    def moments(v: dict[str, float]) -> tuple[float, float]:
+        mean = 2.0 * v["damping_ratio"] / v["natural_frequency"] - v["zero_time_constant"]
+        first = 2.0 * v["damping_ratio"] / v["natural_frequency"] * mean
+        return mean, first - v["natural_frequency"] ** -2.0
+
+    others = get_family("valve").elsewhere(at, 0.002)
+    assert min(v["zero_time_constant"] for v in others) < 0.012
+    assert max(v["zero_time_constant"] for v in others) > 0.05
+    for v in others:
+        np.testing.assert_allclose(moments(v), moments(at))
+
+
+def test_the_valley_of_a_zero_is_followed() -> None:
+    """Along straight steps of frequency and damping the search crept for 60 and was not there."""
+    recording = zero_recording(1, 50.0, 1.02, 0.02, 0)
+    t = recording["time"]
+    signals = {
+        "command": Signal("command", t, recording["command"], "1", "zoh", recording["command"][0]),
+        "outlet": Signal("outlet", t, recording["outlet"], "1"),
+    }
+    log = Experiment("valve", 0, t, signals, 0.002, True)
+    family = get_family("valve")
+    options = family.options_type.read({"zero": "estimate"})
+    task = ResponseTask.of(family, family.variants[0], [log], Request(options))
+    found = solve(task.problem([log], Beginning()), np.array([150.0, 1.33, 0.003]))
+    assert found.converged
+    assert found.iterations < 20
+    assert found.eta[0] == pytest.approx(50.0, rel=0.15)

@@ -43,6 +43,7 @@ class Point(Protocol):
 
 PointT = TypeVar("PointT", bound=Point)
 Bounds = tuple[FloatArray, FloatArray]
+Follow = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ def minimise(
     least_gain: float = 0.0,
     max_iterations: int,
     damping: float = 1e-3,
+    follow: Follow | None = None,
 ) -> Minimum[PointT]:
     """Minimise a sum of squares from one start.
 
@@ -102,6 +104,9 @@ def minimise(
     damping
         Of the first step: little where the start is near the minimum, for it is what keeps
         unknowns that the data hardly tell apart from getting there at once.
+    follow
+        ``follow(x, step)``: where a step leads, to first order ``x + step``, which it is where
+        there is none. A straight step soon leaves a curved valley, and the iteration creeps.
     """
     low, high = bounds
     x = np.clip(np.asarray(start, dtype=float), low, high)
@@ -123,6 +128,10 @@ def minimise(
         if predicted <= small and (predicted <= 0.0 or local.lowest <= small):
             converged = True
             break
+        if follow is not None:
+            bounded = (candidate <= low) | (candidate >= high)
+            led = np.clip(follow(x, candidate - x), low, high)
+            candidate = np.where(bounded, candidate, led)
         trial = _try(evaluate, candidate)
         if trial is None:  # the model breaks down there
             marquardt.rise()

@@ -57,6 +57,9 @@ class NamedModel:
     pieces
         Optional ``pieces(index, values)`` for long records: the same columns, as an iterator over
         those of consecutive rows.
+    follow
+        Optional ``follow(values, change) -> values`` that a change of some leads to; see
+        :func:`.minimise.minimise`.
     """
 
     nonlinear: tuple[str, ...]
@@ -72,6 +75,7 @@ class NamedModel:
     sigma_floor: float = 0.0
     channels: Sequence[Sequence[slice]] = ()
     pieces: Callable[[int, Values], Iterator[Basis]] | None = None
+    follow: Callable[[Values, Mapping[str, float]], Mapping[str, float]] | None = None
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
         """The same model with the residuals of every log multiplied by a factor."""
@@ -142,6 +146,13 @@ class _Bound:
         whole = [x.real if x.imag == 0.0 else x for x in eta]
         return {**self.held, **dict(zip(self.names, whole))}
 
+    def follow(self, eta: FloatArray, step: FloatArray) -> FloatArray:
+        """Where a step leads."""
+        assert self.model.follow is not None
+        change = dict(zip(self.names, step.tolist()))
+        found = self.model.follow(self._values(eta), change)
+        return np.array([found[n] for n in self.names])
+
     def basis(self, index: int, eta: Array) -> Basis:
         return self._open(self.model.columns(index, self._values(eta)))
 
@@ -167,6 +178,7 @@ def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, 
     return Problem(
         view, model.measured, [unknowns[n] for n in view.names], [*linear, *nuisance],
         model.weights, model.whiten, channels=max(map(len, model.channels), default=1),
+        follow=view.follow if model.follow else None,
     )  # fmt: skip
 
 

@@ -79,7 +79,8 @@ class Problem:
     ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
     array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
     ``whiten`` is one filter per experiment, applied to both sides after the weights, which is
-    generalised least squares; none where the residuals are taken for white.
+    generalised least squares; none where the residuals are taken for white. ``follow(eta, step)``
+    is where a step of the nonlinear unknowns leads; see :func:`.minimise.minimise`.
     """
 
     model: Model
@@ -89,6 +90,7 @@ class Problem:
     weights: Sequence[FloatArray | float] = ()
     whiten: Sequence[Whitening] = ()
     channels: int = 1
+    follow: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
     @property
     def rows(self) -> int:

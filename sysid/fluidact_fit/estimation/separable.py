@@ -73,7 +73,7 @@ def solve(
     low, high = bounds_of(problem.nonlinear)
     found = minimise(
         lambda eta: Eliminated(problem, eta), slopes, start, (low, high), rows=problem.rows,
-        max_iterations=max_iterations, tolerance=tolerance, damping=damping,
+        max_iterations=max_iterations, tolerance=tolerance, damping=damping, follow=problem.follow,
     )  # fmt: skip
     at_end = tangent if tangent is not None and found.sloped else move(found.point)
     on_bound = (found.x <= low) | (found.x >= high)

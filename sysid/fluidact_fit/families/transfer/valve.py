@@ -14,15 +14,15 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.named_model import Values
+from ...estimation.named_model import NamedModel, Values
 from ...estimation.parametric import Fitted
-from ...estimation.response_model import Plan, ResponseOptions, Searched
+from ...estimation.response_model import Beginning, Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Structure, Variant
@@ -32,6 +32,7 @@ from .base import ASKED, TransferFamily
 _RISE = "Record steps of the command, sampled at least ten times within the rise of the outlet."
 _SHARP = "Record sharp steps of the command at a higher sampling rate."
 _LEAST_DAMPING = 0.02  # damping ratio that a valve has at least
+_ZEROS = (0.1, 0.25, 0.5, 1.0, 2.0)  # that are tried, in parts of the mean response time
 
 
 @dataclass(frozen=True)
@@ -137,12 +138,24 @@ class Valve(TransferFamily[ValveOptions]):
             fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
         )
 
+    def response(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
+        names: tuple[str, ...],
+    ) -> NamedModel:  # fmt: skip
+        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
+        model = super().response(variant, experiments, begin, names)
+        return replace(model, follow=_follow) if "zero_time_constant" in names else model
+
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
-        """Aliases of an oscillation, and for a fast valve everything faster.
+        """Aliases of an oscillation, everything faster for a fast valve, other zeros.
 
         Poles ``-a +- jb`` and ``-a +- j(2 pi k / step +- b)`` decay and swing alike at the
         samples; only the size of the first ones tells them apart. Those of what is sampled well
         would hardly be damped at all, as no valve is.
+
+        A zero on either side of a pole that it nearly cancels can be an optimum of its own. With
+        ``m = 2 zeta / wn - T_z``, any ``T_z`` leaves the mean and the spread of the response as
+        they are if ``2 zeta / wn`` grows as much as it and ``1 / wn^2`` ``m`` times as much.
         """
         wn, zeta = values["natural_frequency"], values["damping_ratio"]
         poles = []
@@ -153,11 +166,12 @@ class Valve(TransferFamily[ValveOptions]):
         if wn * step > 0.8:
             fast = np.geomspace(0.8, 20.0, 16) / step
             poles += [(w, z * w) for w in fast for z in (0.03, 0.1, 0.2, 0.3, 0.5, 0.8, 1.6)]
-        return [
+        near = [
             {"natural_frequency": float(w), "damping_ratio": float(a / w)}
             for w, a in poles
             if a > _LEAST_DAMPING * w > 0.0
         ]
+        return near + _other_zeros(values)
 
     def derive(
         self, fitted: Fitted, options: ValveOptions
@@ -173,3 +187,44 @@ class Valve(TransferFamily[ValveOptions]):
             return out
 
         return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function), []
+
+
+def _follow(values: Values, change: Mapping[str, float]) -> dict[str, float]:
+    """Where a change leads: along the coefficients of the denominator where the zero moves too.
+
+    A zero near a pole changes the output as little as a pole that moves with it. On the line of
+    :meth:`Valve.elsewhere` the coefficients are straight; frequency and damping are curved.
+    """
+    out = {n: values[n] + step for n, step in change.items()}
+    if {"natural_frequency", "damping_ratio", "zero_time_constant"} <= change.keys():
+        share = change["natural_frequency"] / values["natural_frequency"]
+        a, b = _coefficients(values)
+        a += a * (change["damping_ratio"] / values["damping_ratio"] - share)
+        b -= 2.0 * b * share
+        if a > 0.0 and b > 0.0:
+            out |= _poles(a, b)
+    return out
+
+
+def _other_zeros(values: Values) -> list[dict[str, float]]:
+    """Zeros with the poles that leave the mean and the spread of the response as they are."""
+    if "zero_time_constant" not in values:
+        return []
+    a0, b0 = _coefficients(values)
+    mean, out = a0 - values["zero_time_constant"], []
+    for other in mean * np.array(_ZEROS):
+        a, b = mean + other, b0 + mean * (mean + other - a0)
+        if a > 0.0 and b > 0.0:
+            out.append({**_poles(a, b), "zero_time_constant": float(other)})
+    return out
+
+
+def _coefficients(values: Values) -> tuple[float, float]:
+    """``a`` [s] and ``b`` [s^2] of the denominator ``1 + a s + b s^2``."""
+    wn = values["natural_frequency"]
+    return 2.0 * values["damping_ratio"] / wn, wn**-2.0
+
+
+def _poles(a: float, b: float) -> dict[str, float]:
+    """Frequency and damping of the denominator ``1 + a s + b s^2``."""
+    return {"natural_frequency": b**-0.5, "damping_ratio": 0.5 * a * b**-0.5}
