@@ -157,6 +157,7 @@ class MotorModel:
         self.measured = [
             e[output][r.unseen :] for e, r in zip(experiments, self.runs) if output in e
         ]
+        self.resolutions = [e.signals[output].resolution for e in experiments if output in e]
         self._played: dict[int, tuple[float, FloatArray, FloatArray]] = {}
 
     def steady(self, index: int, values: Values) -> Array:
@@ -185,7 +186,9 @@ class MotorModel:
 
     def named(self, names: tuple[str, ...]) -> NamedModel:
         """The model in the form the estimation takes; the gain enters linearly."""
-        return NamedModel(names, ("gain",), self.columns, self.measured)
+        return NamedModel(
+            names, ("gain",), self.columns, self.measured, resolutions=self.resolutions
+        )
 
     def columns(self, index: int, values: Values) -> Basis:
         """Output per gain, and the columns of what is the run's own: offset, fading deviation."""
