@@ -312,6 +312,29 @@ def encoder_log(
     return {"time": STEP * np.arange(command.size), "command": command, "angle": angle}
 
 
+@pytest.mark.parametrize(
+    ("seed", "zone", "curvature", "top", "hysteresis"),
+    [
+        (8, 1.697, 0.037, 5.389, 0.468),  # refused: time_constant 0.177 s
+        (38, 1.677, 0.245, 4.866, 0.394),  # hysteresis 13 % wide
+    ],
+)
+def test_edges_are_found_among_the_minima_of_an_angle(
+    seed: int, zone: float, curvature: float, top: float, hysteresis: float
+) -> None:
+    """Each level that an edge passes makes a minimum, and all of an angle after it goes astray."""
+    truth = {
+        "dead_zone": zone, "gain": 20.0, "curvature": curvature, "saturation_command": top,
+        "hysteresis": hysteresis, "time_constant": 0.15, "dead_time": 0.03,
+    }  # fmt: skip
+    rng = np.random.default_rng([seed, 11])
+    rng.uniform(size=4)
+    result = ff.fit("hydraulic-motor", encoder_log(truth, rng, (30, 35), 4096))
+    assert result.verdict == "pass"
+    for name, true in truth.items():
+        assert result.parameters[name].value == pytest.approx(true, rel=0.02), name
+
+
 @pytest.mark.parametrize("seeds", [(7, 8), range(12)], ids=["two", "twelve"])
 def test_intervals_know_the_codes_of_an_encoder(seeds: Sequence[int]) -> None:
     """Its errors stay while the motor stands still; white ones made 84 % of the intervals hold."""

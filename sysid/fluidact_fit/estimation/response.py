@@ -43,6 +43,7 @@ _MANY = 200_000  # samples beyond which the start is refined on a quarter of tha
 _LONGER = 800_000  # samples of a closer start, where there are far more
 _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
+_SMOOTH = 0.02  # of the squared residuals, up to which those of their changes show no noise
 _ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
 _TOO_LONG = 0.5  # part of the time left out that is less than the fitted dead time needs
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
@@ -162,7 +163,8 @@ def _closer(
 def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> Search:
     """Search again where the family knows of rivals, as long as better ones are found there.
 
-    The cost is looked at first: only what comes near the best is worth a search.
+    The cost is looked at first: only what comes near the best is worth a search, unless what the
+    best leaves is no noise and the family has many minima.
     """
     step = time_scales(task.experiments)[0]
     for _ in range(3):
@@ -173,7 +175,9 @@ def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> 
             return search
         starts = np.array([problem.vector({**values, **p}) for p in points])
         costs = profile(problem, starts)
-        near = _apart(starts[np.argsort(costs)][: np.sum(costs < _NEAR * best.cost)])
+        rough = task.model.many_minima and _is_smooth(best.residuals)
+        most = np.inf if rough else _NEAR * best.cost
+        near = _apart(starts[np.argsort(costs)][: np.sum(costs < most)])
         if not near:
             return search
         every = [best.eta, *(s.eta for s in search.rivals), *near]
@@ -184,6 +188,12 @@ def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> 
         if not again:
             break
     return search
+
+
+def _is_smooth(residuals: Sequence[FloatArray]) -> bool:
+    """Return whether residuals hardly change from sample to sample (von Neumann's ratio)."""
+    changes = sum(float(np.sum(np.diff(r) ** 2)) for r in residuals)
+    return changes < _SMOOTH * sum(float(r @ r) for r in residuals)
 
 
 def _fit(

@@ -156,6 +156,8 @@ class ResponseModel(ABC, Generic[T]):
     reach
         Times as long as an excerpt is the part of a long log that its samples are spread over. A
         dead time needs a long one, an output that adds up what the start is wrong by a short one.
+    many_minima
+        Whether the cost of rivals tells little of what a search from there ends at.
     """
 
     gain: ClassVar[str | None] = None
@@ -163,6 +165,7 @@ class ResponseModel(ABC, Generic[T]):
     robust: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
     reach: ClassVar[int] = _REACH
+    many_minima: ClassVar[bool] = False
 
     @abstractmethod
     def plan(self, experiments: Sequence[Experiment], request: Request[T]) -> Plan:

@@ -59,6 +59,11 @@ _SPEED = Role(
     "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
 )
 _WIDENED = 3.0  # standard deviations of the noise of a command by which its play looks wider
+_OTHER_EDGES = (  # where a search is begun again, in parts of the values that it has ended at
+    (("hysteresis",), 0.25),
+    ((SATURATION,), 0.75),
+    (("dead_zone", *EDGES), 1.3),
+)
 _SETTLED = 0.005  # of the range of the speed, still to come
 
 
@@ -161,7 +166,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         Structure("hysteresis, dead time", {"dead-time": "estimate"}, instead=True),
     )
     gain, robust, common_offset = "gain", True, False
-    steady_offset = True
+    steady_offset, many_minima = True, True
 
     def variants_for(self, options: MotorOptions) -> tuple[Variant, ...]:
         """Settled points, or samples in time of the speed or its integral."""
@@ -224,6 +229,17 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
     ) -> list[dict[str, float]]:
         """Return starts; see :func:`.fit.start_motor`."""
         return start_motor(task, experiments, begin)
+
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Other edges: each level of a held command that one of them passes may make a minimum.
+
+        In an angle what is wrong adds up, and minima far from the best are deep.
+        """
+        return [
+            {n: share * values[n] for n in names if n in values}
+            for names, share in _OTHER_EDGES
+            if any(n in values for n in names)
+        ]
 
     def simulate(
         self,
