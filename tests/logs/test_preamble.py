@@ -146,3 +146,18 @@ def test_numbers_behind_a_word_are_of_the_preamble(tmp_path: Path) -> None:
     log = read(tmp_path, [*above, "Data:  y               x", *rows])
     assert log.rows == 30
     assert log.account.left_out == ()
+
+
+@pytest.mark.parametrize("first", [0.0, 1.0])
+def test_exponents_of_fortran_are_read_in_the_first_rows(tmp_path: Path, first: float) -> None:
+    rows = [f"{first + k:.6E},{0.5 * k:.6E},{-k:.6E}".replace("E", "D") for k in range(50)]
+    log = read(tmp_path, ["time [s],inlet [bar],outlet [bar]", *rows])
+    assert [c.values[1] for c in log.columns] == [first + 1.0, 0.5, -1.0]
+
+
+def test_the_minus_sign_of_print_is_a_minus(tmp_path: Path) -> None:
+    rows = [f"{k - 20},{0.5 * k:.3f},{-k:.1f}e-2".replace("-", "\u2212") for k in range(50)]
+    log = read(tmp_path, ["time,\u2212p,q", *rows])
+    assert headers(log) == ["time", "\u2212p", "q"]
+    assert [c.values[1] for c in log.columns] == [-19.0, 0.5, -0.01]
+    assert not any(c.bad for c in log.columns)

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..units import is_unit, looks_like_unit, parse_unit_from_header, same_dimension
-from .layout import NUMBER, Cut, Hints, says_nothing
+from .layout import NUMBER, Cut, Hints, says_nothing, to_number
 from .levels import groups, is_wordy, join_levels
 from .stamps import names_time
 from .start import holds_numbers, is_entry
@@ -158,7 +158,7 @@ def _is_name_beside(cell: str, row: _Row) -> bool:
 def _counts_from_one(rows: Sequence[str], cut: Cut) -> bool:
     """Return whether the first cells of the rows go on with what began with a 1 above them."""
     firsts = [cells[0] for line in rows[:_ABOVE] if (cells := cut.split(line))]
-    numbers = [float(c.replace(",", ".")) for c in firsts if NUMBER[cut.decimal].match(c)][:2]
+    numbers = [to_number(c) for c in firsts if NUMBER[cut.decimal].match(c)][:2]
     if len(numbers) < 2:
         return False
     step = numbers[1] - numbers[0]
@@ -279,7 +279,7 @@ def name_rows(lines: Sequence[str], start: int, cut: Cut, named: int | None) -> 
 def _increase(cells: Sequence[str], cut: Cut) -> bool:
     if not all(map(cut.is_number, cells)):
         return True
-    numbers = [float(cut.without_thousands(cell).replace(",", ".")) for cell in cells]
+    numbers = [to_number(cut.without_thousands(cell)) for cell in cells]
     return all(a < b for a, b in pairwise(numbers))
 
 

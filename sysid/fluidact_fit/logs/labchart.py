@@ -16,7 +16,7 @@ from itertools import pairwise
 from ..errors import LogError, Notice
 from ..units import conversion_factor, same_dimension
 from .clock import find_clocks
-from .layout import NUMBER, Counted, Cut, Group, Hints, Layout, Written
+from .layout import NUMBER, Counted, Cut, Group, Hints, Layout, Written, to_number
 from .log import count_of, name_lines
 from .source import Source
 
@@ -161,7 +161,7 @@ def _require_interval(
 ) -> None:
     """Refuse times that are not the stated interval apart: they may not be seconds."""
     texts = [text for text in cells if NUMBER[cut.decimal].match(text)]
-    times = [float(text.replace(",", ".")) for text in texts]
+    times = [to_number(text) for text in texts]
     steps = sorted(b - a for a, b in pairwise(times) if b > a)
     coarse = any(a == b for a, b in pairwise(times))  # printed with few decimals
     if not steps or coarse or "Interval" not in keys:

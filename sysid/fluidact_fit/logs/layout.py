@@ -39,6 +39,11 @@ _NO_VALUE = {
 _SIGNS = re.compile(r"[*?~]+|#{2,}|-{1,4}")
 
 
+def to_number(text: str) -> float:
+    """The value of a cell that `NUMBER` matches; ``1.0D+00`` is how Fortran writes 1."""
+    return float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
+
+
 def says_nothing(cell: str) -> bool:
     """True if a cell is empty, or says that there is no number: ``n/a``, ``#REF!``, ``***``."""
     return cell.casefold() in _NO_VALUE or _SIGNS.fullmatch(cell) is not None

@@ -7,7 +7,7 @@ and, in seconds, the first instant and the step.
 from __future__ import annotations
 
 from ..errors import LogError
-from .layout import NUMBER, Counted, Group, Hints, Layout, split_cells
+from .layout import NUMBER, Counted, Group, Hints, Layout, split_cells, to_number
 from .source import Source
 
 _HINTS = Hints("Rigol oscilloscope", sparse=True)
@@ -33,7 +33,7 @@ def lay_out(source: Source) -> Layout | None:
     start, step = (
         units[where[key]] if where[key] < len(units) else "" for key in ("Start", "Increment")
     )
-    if not (NUMBER["."].match(start) and NUMBER["."].match(step)) or float(step) <= 0.0:
+    if not (NUMBER["."].match(start) and NUMBER["."].match(step)) or to_number(step) <= 0.0:
         raise LogError(
             f"start '{start[:40]}' and step '{step[:40]}' of the samples are no instants.",
             where=f"{source.name}, line 2",
@@ -51,5 +51,5 @@ def lay_out(source: Source) -> Layout | None:
         units_row=1,
         headers=["time", *names[1:width]],
         units=["s", *units[1:width]],
-        groups=(Group(tuple(range(1, width)), None, (Counted(3, float(start), float(step)),)),),
+        groups=(Group(tuple(range(1, width)), None, (Counted(3, to_number(start), to_number(step)),)),),
     )

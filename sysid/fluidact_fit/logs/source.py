@@ -18,6 +18,8 @@ from .archives import unpack
 _WORD = 4  # bytes
 _PROBE = 1 << 16
 _RECORDING = re.compile(r"\.(mcap|db3)(\.zstd|\.zst)?$")  # in the folder of a bag
+# The minus sign of print before a number, or its exponent.
+_MINUS = re.compile(rb'(?:(?<![^\s,;|"=:])|(?<=\d[eEdD]))\xe2\x88\x92(?=[\d.,])')
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 # Beginnings of files that people pass by mistake.
 _FOREIGN = (
@@ -95,6 +97,8 @@ def make_source(path: Path, raw: bytes, sha256: str) -> Source:
         # "\r\r\n" is what a terminal log in text mode makes of "\r\n".
         for ending in (b"\r\r\n", b"\r\n", b"\r"):
             data = data.replace(ending, b"\n")
+    if "\u2212".encode() in data:
+        data = _MINUS.sub(b"-", data)
     return Source(path, data, encoding, sha256)
 
 

@@ -21,7 +21,7 @@ from ..experiment import FloatArray, is_finite
 from .clock import Clocks, read_clocks
 from .exact import Exact, loses, of_cells, of_column
 from .groups import complete, merge
-from .layout import NUMBER, Layout, says_nothing
+from .layout import NUMBER, Layout, says_nothing, to_number
 from .log import IntArray, count_of, name_lines
 from .restart import refuse_other_blocks, refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
@@ -517,7 +517,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     for row, cell in enumerate(cells):
         text = cell.strip()
         if NUMBER[layout.decimal].match(text):
-            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
+            values[row] = to_number(text)
         if not np.isfinite(values[row]):
             values[row] = np.nan
             if text or len(bad) < MAX_BAD_KEPT:
