@@ -90,6 +90,54 @@ def test_the_same_data_have_the_same_checksum(columns: dict[str, np.ndarray]) ->
     assert read_log(columns).sha256 != read_log(other).sha256
 
 
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda c: pd.DataFrame(c).astype(object),
+        lambda c: pd.DataFrame(c).map(repr),
+        lambda c: {k: [f"{v:.17E}".replace("E", "D") for v in values] for k, values in c.items()},
+    ],
+)
+def test_numbers_as_objects_and_as_text_are_read(
+    made: Any, columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    raw = {role: values / SI[role] for role, values in columns.items()}
+    units = {"time": "ms", "inlet": "bar", "outlet": "bar"}
+    found = ff.fit("line", made(raw), units=units).parameters
+    assert {n: q.value for n, q in found.items()} == pytest.approx(expected, rel=1e-6)
+
+
+def test_text_that_is_no_number_is_refused(columns: dict[str, np.ndarray]) -> None:
+    texts = [repr(float(v)) for v in columns["inlet"]]
+    with pytest.raises(LogError, match="line 3: column 'inlet' holds '3,5'"):
+        ff.fit("line", {**columns, "inlet": [*texts[:2], "3,5", *texts[3:]]})
+
+
+@pytest.mark.parametrize("kind", [float, np.int64, "M8[ns]", "m8[ns]", object])
+def test_what_a_mask_hides_is_no_number(kind: Any) -> None:
+    values = np.arange(1, 9).astype(kind)
+    hidden = np.ma.masked_array(values, mask=np.arange(8) == 5)
+    for data in ({"time": hidden, "p": np.arange(8.0)}, np.ma.stack([hidden, hidden]).T):
+        found = read_log(data).columns[0].values
+        assert np.flatnonzero(np.isnan(found)).tolist() == [5]
+    assert np.isfinite(read_log({"p": np.ma.masked_array(values)}).columns[0].values).all()
+
+
+def test_missing_values_of_nullable_columns_are_no_numbers() -> None:
+    frame = pd.DataFrame({"p": [1, None, 3], "q": [1.5, None, 3.0]}).astype(
+        {"p": "Int64", "q": "Float64"}
+    )
+    for column in read_log(frame).columns:
+        assert np.isnan(column.values).tolist() == [False, True, False]
+
+
+def test_columns_of_a_frame_may_share_a_name() -> None:
+    frame = pd.DataFrame([[0.0, 1.0, 2.0], [0.1, 3.0, 4.0]], columns=["time", "p", "p"])
+    log = read_log(frame)
+    assert [c.header for c in log.columns] == ["time", "p", "p"]
+    assert [c.values.tolist() for c in log.columns[1:]] == [[1.0, 3.0], [2.0, 4.0]]
+
+
 def zstd(content: bytes) -> bytes:
     packed: bytes = pyarrow.compress(content, codec="zstd", asbytes=True)
     return packed

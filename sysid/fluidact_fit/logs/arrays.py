@@ -19,6 +19,7 @@ from ..units import is_doubtful_suffix, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
 from .groups import united
+from .layout import NUMBER, to_number
 from .log import Account, Column, Dialect, Element, Log, count_of
 
 _MOST_COLUMNS = 4096
@@ -70,25 +71,35 @@ def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> 
 
 def _columns_of(data: Any, name: str) -> Iterable[Named]:
     if isinstance(data, Mapping):
-        return [Named(str(k), v) for k, v in data.items()]
+        return [Named(str(k), _unmasked(v)) for k, v in data.items()]
     if hasattr(data, "columns") and hasattr(data, "index"):
         index = data.index
         timed = np.asarray(index).dtype.kind in "mM" or (
             index.name is not None and str(index.name) not in map(str, data.columns)
         )
         first = [Named(str(index.name or "time"), np.asarray(index))] if timed else []
-        return [*first, *(Named(str(k), data[k]) for k in data.columns)]
-    table = np.asarray(data)
+        # by position: names may stand twice
+        return [*first, *(Named(str(k), data.iloc[:, i]) for i, k in enumerate(data.columns))]
+    table = np.asanyarray(data)
     if table.dtype.names:
-        return [Named(str(k), table[k]) for k in table.dtype.names]
+        return [Named(str(k), _unmasked(table[k])) for k in table.dtype.names]
     if table.ndim == 2:
-        return [Named("", column) for column in table.T]
+        return [Named("", _unmasked(column)) for column in table.T]
     raise LogError(
         f"{type(data).__name__} of shape {table.shape} is no log.",
         where=name,
         expected="Expected a file, a DataFrame, a mapping of arrays, or a table of numbers.",
         remedy="Give for example {'time': t, 'command': u, 'outlet': y}.",
     )
+
+
+def _unmasked(values: Any) -> Any:
+    """Values of which those that a mask hides are none."""
+    if not isinstance(values, np.ma.MaskedArray) or not np.ma.is_masked(values):
+        return values
+    none = {"f": np.nan, "m": np.timedelta64("NaT"), "M": np.datetime64("NaT")}
+    kind = values.dtype.kind
+    return values.filled(none[kind]) if kind in none else values.astype(object).filled(None)
 
 
 def make_log(
@@ -232,8 +243,15 @@ def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
         )  # fmt: skip
     import pandas as pd
 
-    texts = pd.Series(values, dtype=object).where(lambda s: ~s.map(lambda v: isinstance(v, bool)))
-    return pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64), None
+    cells = pd.Series([_of_text(cell) for cell in values], dtype=object)
+    return pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64), None
+
+
+def _of_text(cell: Any) -> Any:
+    """A cell of an array of objects: text as that of a file, a truth value is no number."""
+    if isinstance(cell, str):
+        return to_number(cell) if NUMBER["."].match(cell := cell.strip()) else None
+    return None if isinstance(cell, bool | np.bool_) else cell
 
 
 def _checksum(columns: Sequence[Column]) -> str:

@@ -304,7 +304,7 @@ def _measured_signal(
         )
     values = raw
     if binding.to_si != 1.0:
-        values = np.multiply(raw, binding.to_si, out=raw if spent else None)
+        values = np.multiply(raw, binding.to_si, out=raw if spent and raw.flags.writeable else None)
     if role.hold is None and time is not run.time:
         time, values = run.time, np.interp(run.time, time, values)
     return Signal(

@@ -51,5 +51,7 @@ def lay_out(source: Source) -> Layout | None:
         units_row=1,
         headers=["time", *names[1:width]],
         units=["s", *units[1:width]],
-        groups=(Group(tuple(range(1, width)), None, (Counted(3, to_number(start), to_number(step)),)),),
+        groups=(
+            Group(tuple(range(1, width)), None, (Counted(3, to_number(start), to_number(step)),)),
+        ),
     )
