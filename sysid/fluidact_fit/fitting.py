@@ -30,6 +30,7 @@ from .logs import (
     find_copied_rows,
     open_logs,
     provenance,
+    refuse_fitted_rows,
     require_agreement,
     require_two_signals,
     share_columns,
@@ -172,6 +173,13 @@ def fit(
     if controller_sample_time is not None:
         _check_period(controller_sample_time, _longest(experiments))
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
+    others: list[Experiment] = []
+    more: list[Notice] = []
+    if given.judged:
+        # their inputs move as those of the fit were settled to
+        holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
+        others, more = _prepare(_hold(given.judged, holds), given.variant)
+        refuse_fitted_rows(given.variant, experiments, others)
     request.progress("fitting")
     with _naming_what_was_read(notices):
         solution = _solve(chosen, variant, experiments, request, advise=True)
@@ -181,11 +189,8 @@ def fit(
             FitContext(chosen, variant, sources, declared, experiments, request, solution)
         )
         validation: list[Simulation] = []
-        if given.judged:
+        if others:
             request.progress("validating")
-            # their inputs move as those of the fit were settled to
-            holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
-            others, more = _prepare(_hold(given.judged, holds), given.variant)
             notices += more
             validation = found.validate(others)
         document, said = make_parameter_document(

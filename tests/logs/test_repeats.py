@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -105,6 +106,17 @@ def test_a_log_given_twice_is_refused() -> None:
     ff.fit("line", [one, two])
     with pytest.raises(LogError, match="hold the same rows"):
         ff.fit("line", [one, two, dict(one)])
+
+
+def test_rows_that_are_fitted_do_not_validate(tmp_path: Path) -> None:
+    log = line_log(1)
+    path = tmp_path / "log.csv"
+    pd.DataFrame(log).to_csv(path, index=False)
+    part = {n: v[300:] for n, v in log.items()}
+    for fitted, judged in ((log, log), (log, part), (path, path), (path, [log])):
+        with pytest.raises(LogError, match="holds rows.* which are fitted"):
+            ff.fit("line", fitted, validate=judged)
+    ff.fit("line", path, window=(None, 4.0), validate=path, validate_window=(4.0, None))
 
 
 def test_logs_that_overlap_are_refused() -> None:

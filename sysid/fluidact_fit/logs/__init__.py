@@ -11,7 +11,7 @@ from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
 from .opening import LogLike, Reading, open_logs
 from .reader import read_log
-from .repeats import find_copied_rows
+from .repeats import find_copied_rows, refuse_fitted_rows
 from .same_signal import require_two_signals
 from .selection import selected_part
 
@@ -31,6 +31,7 @@ __all__ = [
     "open_logs",
     "provenance",
     "read_log",
+    "refuse_fitted_rows",
     "require_agreement",
     "require_two_signals",
     "selected_part",

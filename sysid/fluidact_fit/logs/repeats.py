@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
-from itertools import combinations
+from itertools import combinations, islice, product
 
 import numpy as np
 
@@ -195,6 +195,26 @@ def find_copied_rows(variant: Variant, experiments: Sequence[Experiment]) -> lis
                 raise _twice(other, e)
     found = ((e, _repeated_rows(table)) for e, table in zip(runs, tables, strict=False))
     return [_rows_twice(e, *copy) for e, copy in found if copy is not None]
+
+
+def refuse_fitted_rows(
+    variant: Variant, fitted: Sequence[Experiment], judged: Sequence[Experiment]
+) -> None:
+    """Refuse to validate with rows that are fitted (``LogError``)."""
+    output = variant.output.name
+    tables = [
+        [(e, _channels(e, variant)) for e in runs if output in e and e[output].size >= _ROWS]
+        for runs in (fitted, judged)
+    ]
+    for (one, known), (two, other) in islice(product(*tables), _MOST**2):
+        if _overlap(known, other):
+            names = f"{two.name} holds rows of {one.name}"
+            raise LogError(
+                f"{names if one.name != two.name else f'{two.name} holds rows'}, which are fitted.",
+                expected="Expected other rows to validate with: the model was fitted to these.",
+                remedy="Validate with another log, or split this one with --window and "
+                "--validate-window.",
+            )
 
 
 def _digest(e: Experiment) -> bytes:
