@@ -330,6 +330,27 @@ def test_one_wrong_stamp_is_named(tmp_path: Path, wrong: float) -> None:
         run(write(tmp_path, table([f"{t:.2f}" for t in stamps])))
 
 
+def test_a_time_in_disorder_is_refused_at_once(tmp_path: Path) -> None:
+    stamps = [f"{0.01 * k:.2f}" for k in np.random.default_rng(0).permutation(200)]
+    with pytest.raises(LogError, match=r"goes back on \d+ of 199 rows: it is not in order") as told:
+        run(write(tmp_path, table(stamps)))
+    assert "Sort the rows by time" in told.value.text
+
+
+def test_a_time_that_decreases_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, table([f"{0.01 * k:.2f}" for k in range(60, 0, -1)]))
+    with pytest.raises(LogError, match="decreases on every row") as told:
+        run(path)
+    assert "Reverse the order of the rows" in told.value.text
+    (counted_down,), _ = run(path, scales={"time": -1.0})
+    assert counted_down.samples == 60
+
+
+def test_runs_of_the_least_length_are_read(tmp_path: Path) -> None:
+    found, _ = run(write(tmp_path, table([0.0, 0.1, 0.2] * 5)))
+    assert [e.samples for e in found] == [3] * 5
+
+
 def test_equal_stamps(tmp_path: Path) -> None:
     stamps = [0.01 * k for k in range(100)]
     stamps[50] = stamps[49]

@@ -114,7 +114,7 @@ def test_rows_that_are_fitted_do_not_validate(tmp_path: Path) -> None:
     pd.DataFrame(log).to_csv(path, index=False)
     part = {n: v[300:] for n, v in log.items()}
     for fitted, judged in ((log, log), (log, part), (path, path), (path, [log])):
-        with pytest.raises(LogError, match="holds rows.* which are fitted"):
+        with pytest.raises(LogError, match=r"holds rows.* which are fitted"):
             ff.fit("line", fitted, validate=judged)
     ff.fit("line", path, window=(None, 4.0), validate=path, validate_window=(4.0, None))
 

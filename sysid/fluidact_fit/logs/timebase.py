@@ -163,6 +163,7 @@ class _Repair:
         if _in_order(part.stamps, np.greater_equal):
             return [part]
         steps = np.diff(part.stamps)
+        self.refuse_disorder(part, steps < 0)
         forward = steps[steps > 0]
         usual = float(np.median(forward)) if forward.size else 0.0
         kept, starts, glitches = _sort_out(part.stamps.tolist(), usual)
@@ -176,6 +177,25 @@ class _Repair:
         if glitches:
             self.judge_glitches(part.rows[glitches], len(starts))
         return [part[rows] for rows in np.split(kept, np.searchsorted(kept, starts[1:]))]
+
+    def refuse_disorder(self, part: _Part, falls: BoolArray) -> None:
+        """Refuse a time that goes back so often that runs would be shorter than the least."""
+        count = int(np.count_nonzero(falls))
+        if MIN_RUN * count <= falls.size:
+            return
+        if count == falls.size and count > 1:
+            raise self.refusal(
+                f"column '{self.column.label}', the time, decreases on every row.",
+                part.rows[1],
+                remedy="Reverse the order of the rows, or give --scale time=-1 if it counts down.",
+            )
+        raise self.refusal(
+            f"column '{self.column.label}', the time, goes back on {count} of {falls.size} rows: "
+            "it is not in order.",
+            part.rows[1:][falls][0],
+            "Expected time to increase from row to row, or to start again for another run.",
+            "Sort the rows by time, or choose another column with --column time=...",
+        )
 
     def refuse_fraction(self, part: _Part) -> None:
         """Refuse a time that starts again wherever another column counts one more of it."""
@@ -252,12 +272,6 @@ class _Repair:
         if len(parts) == 1:
             return parts
         short = np.array([p.rows[0] for p in parts if p.rows.size < MIN_RUN], dtype=np.intp)
-        if short.size == len(parts):
-            raise self.refusal(
-                f"time starts again so often that no run has {MIN_RUN} samples.",
-                short[1],
-                remedy="Choose another time column, or give --sample-time SECONDS.",
-            )
         if short.size:
             self.notice(
                 "run-too-short",
