@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lsim
 
@@ -22,6 +23,11 @@ Fit = Callable[..., ff.FitResult]
 @pytest.fixture
 def fit() -> Fit:
     return lambda logs, **given: ff.fit_valve(logs, columns=COLUMNS, **given)
+
+
+@pytest.fixture(scope="module")
+def result() -> ff.FitResult:
+    return ff.fit("valve", LOGS[0], columns=COLUMNS)
 
 
 def test_python_and_the_command_line_give_the_same_file(fit: Fit, tmp_path: Path) -> None:
@@ -65,20 +71,74 @@ def test_seconds_that_are_fitted_do_not_validate(fit: Fit) -> None:
     ("given", "words"),
     [
         ({"columns": {"command": 2}}, "number of a column as '#2'"),
-        ({"columns": ["Sollwert [V]"]}, "no mapping of role to value"),
-        ({"units": "bar"}, "no mapping of role to value"),
-        ({"window": "0.5s:2s"}, "no pair of times"),
-        ({"window": 2}, "no pair of times"),
+        ({"columns": ["Sollwert [V]"]}, "not a mapping of role to value"),
+        ({"units": "bar"}, "not a mapping of role to value"),
+        ({"window": "0.5s:2s"}, "not a pair of times"),
+        ({"window": 2}, "not a pair of times"),
         ({"window": ("0.5 V", "2s")}, "window: unit 'V' is a voltage"),
-        ({"scales": {"outlet": "x"}}, "is no number"),
+        ({"scales": {"outlet": "x"}}, "is not a number"),
         ({"sample_time": "ten"}, "sample_time: 'ten' is not a number"),
-        ({"fixed": "dead_time=12 ms"}, "no mapping of name to number"),
+        ({"fixed": "dead_time=12 ms"}, "not a mapping of name to number"),
+        ({"columns": {"command": 0}}, "number of a column as '#1', counted from 1"),
+        ({"columns": {0: "#1"}}, "not a mapping of name to value"),
+        ({"units": {"outlet": 5}}, "units of outlet=5 is not text"),
+        ({"scales": {"outlet": True}}, "is not a number"),
+        ({"hold": "zoh"}, "hold='zoh' is not a mapping"),
+        ({"bounds": [("gain", 1, 2)]}, "is not a mapping"),
+        ({"steps": {"command": (0, 1)}}, r"Give for example .*StepInput\(0.0, 1.0, at=2.0\)"),
+        ({"sample_time": 10**400}, "sample_time=<int> is not a number"),
+        ({"window": (0, 10**5000)}, "end of window=<int> is not a number"),
+        ({"controller_sample_time": True}, "is not a number"),
+        ({"validate_window": 5}, "validate_window=5 is not a pair of times"),
+        ({"decimal": 5}, "decimal=5 is not text"),
+        ({"skip_rows": 1.5}, "skip_rows=1.5 is not a whole number"),
+        ({"strict": "no"}, "strict='no' is not True or False"),
+        ({"progress": 5}, "progress=5 is not a function"),
     ],
 )
 def test_keywords_of_another_kind_are_named(given: dict[str, object], words: str) -> None:
     """They ended in the TypeError or ValueError of whatever read them first."""
     with pytest.raises(ff.UsageError, match=words):
         ff.fit("valve", LOGS[0], **{"columns": COLUMNS, **given})
+
+
+@pytest.mark.parametrize("family", [None, ["valve"], pd.DataFrame({"command": [0.0]})])
+def test_a_family_that_is_no_name_is_refused(family: object) -> None:
+    with pytest.raises(ff.UsageError, match="is not text"):
+        ff.fit(family, LOGS[0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda result, folder: result.save(None), "path=None is not a file name"),
+        (lambda result, folder: result.report(5), "path=5 is not a file name"),
+        (lambda result, folder: result.save(folder / "a.yaml", overwrite="no"), "not True or"),
+        (lambda result, folder: result.save(folder / "a.yaml", accept_failed="no"), "not True or"),
+        (lambda result, folder: result.draws("x"), "n='x' is not a whole number"),
+        (lambda result, folder: result.draws(2, seed=0.5), "seed=0.5 is not a whole number"),
+        (lambda result, folder: ff.load(None), "path=None is not a file name"),
+        (lambda result, folder: ff.load({}), "path={} is not a file name"),
+        (lambda result, folder: ff.check(5, LOGS[0]), "path=5 is not a file name"),
+        (lambda result, folder: ff.export(result, "json", 5), "folder=5 is not a file name"),
+        (lambda result, folder: ff.export([], "json", folder), "no parameter file was given"),
+        (lambda result, folder: ff.export([None], "json", folder), "paths=None is not a file name"),
+        (lambda result, folder: ff.read_log(LOGS[0], columns=5), "is not a mapping"),
+    ],
+)
+def test_arguments_of_another_kind_are_named(
+    result: ff.FitResult, tmp_path: Path, call: Callable[..., object], words: str
+) -> None:
+    with pytest.raises(ff.UsageError, match=words):
+        call(result, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_result_is_exported_as_its_file_would_be(result: ff.FitResult, tmp_path: Path) -> None:
+    result.save(tmp_path / "valve.yaml")
+    (direct,) = ff.export(result, "json", tmp_path / "a")
+    (saved,) = ff.export(tmp_path / "valve.yaml", "json", tmp_path / "b")
+    assert direct.read_text(encoding="utf-8") == saved.read_text(encoding="utf-8")
 
 
 def test_a_keyword_that_does_not_exist_is_named(fit: Fit) -> None:
@@ -128,6 +188,9 @@ def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
         ({"start": {"gian": "1 bar"}}, "there is no such single-valued parameter"),
         ({"bounds": {"gain": (3.0, 2.0)}}, "3 is not below 2"),
         ({"bounds": {"gian": ("1 bar", "2 bar")}}, "there is no such single-valued parameter"),
+        ({"fixed": {"gain": True}}, "is a truth value"),
+        ({"fixed": {"gain": 10**5000}}, "is not finite"),
+        ({"bounds": {"gain": (0, 10**400)}}, "is not finite"),
         ({"seed": -1}, "seed=-1 is not a whole number from 0"),
         ({"seed": "one"}, "seed='one' is not a whole number from 0"),
     ],

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from .arguments import is_truth, require, shown
 from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
@@ -37,6 +38,7 @@ from .logs import (
 )
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
+from .logs.kinds import check_window
 from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
 from .notices import is_information
@@ -144,12 +146,18 @@ def fit(
     StrictError
         When there is a warning or a note under ``strict``.
     """
+    require("text", family=family)
+    require("truth", strict=strict)
+    for name, mapping in (("hold", hold), ("bounds", bounds)):
+        require("mapping", **{name: mapping or {}})
+    require("function", progress=progress or print)
+    require("text", command=command or "")
     chosen = get_family(family)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     units_of = _units_by_name(p for v in chosen.variants for p in v.parameters)
     units_of_roles = _units_by_name(r for v in chosen.variants for r in v.roles)
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
-        raise UsageError(f"seed={seed!r} is not a whole number from 0.")
+    if is_truth(seed) or not isinstance(seed, Integral) or seed < 0:
+        raise UsageError(f"seed={shown(seed)} is not a whole number from 0.")
     request = Request(
         options=chosen.options_type.read(options),
         fixed=_numbers("--fix", fixed, units_of),
@@ -161,8 +169,11 @@ def fit(
     )
     if controller_sample_time is not None:
         controller_sample_time = in_seconds("controller_sample_time", controller_sample_time)
+        require("number", controller_sample_time=controller_sample_time)
         _check_period(controller_sample_time, LONGEST)
     window, validate_window = window_in_seconds(window), window_in_seconds(validate_window)
+    check_window(window)
+    check_window(validate_window, "validate_window")
     how |= {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
     judged, part = _to_judge(logs, validate, window, validate_window)
     given = _open(  # the logs themselves are not kept
@@ -284,11 +295,11 @@ def _numbers(
     """Values by name as finite numbers in SI; ``UsageError`` for anything else."""
     if given is not None and not isinstance(given, Mapping):
         raise UsageError(
-            f"{option}={given!r} is no mapping of name to number.",
+            f"{option}={shown(given)} is not a mapping of name to number.",
             remedy="Give one, as {'dead_time': 0.012}.",
         )
     return {
-        name: _number(f"{option} {name}={value!r}", value, units_of.get(name, ()))
+        name: _number(f"{option} {name}={shown(value)}", value, units_of.get(name, ()))
         for name, value in (given or {}).items()
     }
 
@@ -299,7 +310,10 @@ def _number(what: str, value: float | str, units: Sequence[str]) -> float:
         quantity = parse_quantity(value) if isinstance(value, str) else value
         if isinstance(quantity, NumberWithUnit) and not units:
             quantity = quantity.number  # of a name that does not exist: the family refuses it
-        return plausible(float(in_si(quantity, *units)))
+        number = in_si(quantity, *units)
+        if is_truth(number):
+            raise TypeError("a truth value")
+        return float(plausible(number))
     except (TypeError, ValueError) as error:
         why = f": {error}" if isinstance(value, str) else " is not a number"
         if isinstance(value, float | int):
@@ -357,7 +371,7 @@ def _pairs(
     """Bounds by name as pairs of numbers in SI; ``UsageError`` for anything else."""
     out = {}
     for name, value in (given or {}).items():
-        what = f"--bounds {name}={value!r}"
+        what = f"--bounds {name}={shown(value)}"
         if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
             raise UsageError(
                 f"{what} is not a pair of numbers",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .arguments import require
 from .errors import Notice, UsageError, in_python
 from .notices import CODES, is_note
 from .parameter_table import agreement_parts, entries, parameter_table, recorded_units
@@ -121,6 +122,7 @@ class Presented:
                 f"this {document.family} has no covariance to draw from.",
                 expected="Expected parameters that were estimated with their uncertainty.",
             )
+        require("whole", n=n, chains=chains, seed=0 if seed is None else seed)
         if n < 1 or chains < 1 or (seed is not None and seed < 0):
             raise UsageError(
                 f"draws({n}, chains={chains}, seed={seed}) cannot be.",

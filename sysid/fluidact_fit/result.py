@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack, overload
 import numpy as np
 import numpy.typing as npt
 
+from .arguments import require
 from .block import Block, ValidRange, are_samples, valid_ranges
 from .control import make_block
 from .errors import StrictError
@@ -85,6 +86,7 @@ class FitResult(Outcome):
         StrictError
             When the verdict is FAIL and that was not accepted.
         """
+        require("truth", accept_failed=accept_failed)
         if self.verdict != "fail":
             return self.document
         if not accept_failed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 
+from ..arguments import require
 from ..block import Block
 from ..errors import StrictError
 from ..families import get_family
@@ -59,6 +60,7 @@ def load(
     StrictError
         When the fit failed and that was not accepted.
     """
+    require("truth", accept_failed=accept_failed)
     document = read_document(path)
     block = make_block(document, accept_failed=accept_failed, where=os.fspath(path))
     block.accept(accept_not_identified)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any, cast
 
+from ..arguments import require
 from ..block import Block
-from ..control import load
+from ..control import load, make_block
 from ..errors import (
     ExistingFileError,
     Notice,
@@ -17,9 +20,12 @@ from ..errors import (
     StrictError,
     UsageError,
 )
+from ..families import get_family
 from ..files import PathLike, refuse_outputs
+from ..parameters import ParameterDocument, dump_document
 from ..parameters.atomic import write_together
-from ..presentation import weak_file
+from ..parameters.load import parse_document
+from ..presentation import ParametersLike, Presented, document_of, weak_file
 from .registry import TARGETS, get_controller_target, get_target
 from .target import Arithmetic, Job, Origin, make_job, origin_of, sha256_of
 
@@ -39,7 +45,7 @@ class Exported(list[Path]):
 
 
 def export(
-    paths: Iterable[PathLike] | PathLike,
+    paths: Iterable[ParametersLike] | ParametersLike,
     to: str,
     folder: PathLike = ".",
     *,
@@ -57,7 +63,8 @@ def export(
     Parameters
     ----------
     paths
-        Parameter files, one or several. The exports are named after them.
+        Parameter files, one or several, or results. The exports are named after the files, that of
+        a result after its family.
     to
         Name of a target: one of ``TARGETS``.
     folder
@@ -96,8 +103,22 @@ def export(
     OutputError
         When a file exists and may not be replaced, or cannot be written.
     """
-    given = [paths] if isinstance(paths, str | os.PathLike) else paths
-    files = [os.fspath(path) for path in given]
+    one = isinstance(paths, str | Presented | ParameterDocument) or not isinstance(paths, Iterable)
+    given: list[Any] = [paths] if one else list(cast("Iterable[Any]", paths))
+    if not given:
+        raise UsageError("no parameter file was given.", remedy="Give one or several.")
+    require("truth", overwrite=overwrite, accept_failed=accept_failed)
+    require("path", folder=folder)
+    held = {}  # results and models by the names of the files that they would be saved to
+    files = []
+    for item in given:
+        if isinstance(item, Presented | ParameterDocument):
+            document = document_of(item, get_family)
+            held[f"{document.family}.yaml"] = document
+            files.append(f"{document.family}.yaml")
+        else:
+            require("path", paths=item)
+            files.append(os.fspath(item))
     if not os.fspath(folder).strip() or "\0" in os.fspath(folder):
         raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
     target = get_target(to)
@@ -108,7 +129,7 @@ def export(
             expected=f"It knows: {', '.join(known) or 'none, every number is written in full'}.",
             remedy="Leave it out, or choose another target.",
         )
-    loaded = [_load(path) for path in files]
+    loaded = [_load(path, held.get(path)) for path in files]
     blocks = [block for block, _ in loaded]
     _refuse_unaccepted(files, blocks, accept_failed, accept_not_identified)
     failures: list[tuple[str, UsageError]] = []
@@ -158,10 +179,15 @@ class NotExportedError(UsageError):
         self.written = written
 
 
-def _load(path: str) -> tuple[Block, str]:
-    """A block, and the SHA-256 of the file it is in."""
-    block = load(path, accept_failed=True, accept_not_identified=True)
-    return block, sha256_of(path)
+def _load(path: str, held: ParameterDocument | None) -> tuple[Block, str]:
+    """A block, and the SHA-256 of the file that it is in, or would be in."""
+    if held is None:
+        block = load(path, accept_failed=True, accept_not_identified=True)
+        return block, sha256_of(path)
+    text = dump_document(held)
+    block = make_block(parse_document(text, get_family), accept_failed=True)
+    block.accept(True)
+    return block, hashlib.sha256(text.encode()).hexdigest()
 
 
 def _controller(

@@ -6,6 +6,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from ..arguments import require
 from ..errors import UsageError, closest
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ def get_family(name: str) -> Family[FamilyOptions]:
     UsageError
         When there is none; the message lists those there are.
     """
+    require("text", family=name)
     if name not in _REGISTRY:
         close = closest(name, _REGISTRY)
         hint = f" Did you mean {close!r}?" if close else ""

@@ -97,9 +97,11 @@ def _unmasked(values: Any) -> Any:
     """Values of which those that a mask hides are none."""
     if not isinstance(values, np.ma.MaskedArray) or not np.ma.is_masked(values):
         return values
-    none = {"f": np.nan, "m": np.timedelta64("NaT"), "M": np.datetime64("NaT")}
-    kind = values.dtype.kind
-    return values.filled(none[kind]) if kind in none else values.astype(object).filled(None)
+    none: dict[str, Any] = {"f": np.nan, "m": np.timedelta64("NaT"), "M": np.datetime64("NaT")}
+    known = values.dtype.kind in none
+    out = np.array(values.data, dtype=None if known else object)
+    out[np.ma.getmaskarray(values)] = none.get(values.dtype.kind)
+    return out
 
 
 def make_log(

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import filter as filter_names
-from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypedDict
 
 from ..errors import LogError, UsageError, closest
 from ..units.quantities import in_si
+from .kinds import check_kinds
 from .log import Invalid, Log, StepInput
 from .reader import read_log
 from .source import files_of
@@ -103,7 +103,8 @@ def open_logs(
         said["sample_time"] = in_seconds("sample_time", said["sample_time"])
     if "window" in said:
         said["window"] = window_in_seconds(said["window"])
-    _check_kinds(said)
+    _check_names(said)
+    check_kinds(said)
     steps: Mapping[str, StepInput] = said.get("steps", {})
     if not any(texts.values()) and not any(":" in key for key in steps):
         return [_opened(log, said, once) for log in each]
@@ -149,42 +150,15 @@ def window_in_seconds(window: Any) -> Any:
     return tuple(in_seconds("window", end) for end in window)
 
 
-_BY_ROLE = ("columns", "units", "scales", "steps", "holds", "unwrap", "constants", "from_name")
-
-
-def _check_kinds(said: Mapping[str, Any]) -> None:
-    """Refuse keywords that do not exist, and values of another kind (``UsageError``)."""
-    for name, value in said.items():
+def _check_names(said: Mapping[str, Any]) -> None:
+    """Refuse keywords that do not exist (``UsageError``)."""
+    for name in said:
         if name not in Reading.__annotations__:
             close = closest(name, Reading.__annotations__)
             raise UsageError(
                 f"there is no keyword {name}.",
                 expected=f"Logs are read with {', '.join(Reading.__annotations__)}.",
                 remedy=f"Did you mean {close}?" if close else "Leave it out.",
-            )
-        if name in _BY_ROLE and not isinstance(value, Mapping):
-            raise UsageError(
-                f"{name}={value!r} is no mapping of role to value.",
-                remedy=f"Give one, as {name}={{'command': ...}}.",
-            )
-    for role, column in said.get("columns", {}).items():
-        if not isinstance(column, str):
-            raise UsageError(
-                f"columns={{{role!r}: {column!r}}} is no text.",
-                remedy=f"Give a header, or the number of a column as '#{column}'.",
-            )
-    numbers = {f"scales of {role}": scale for role, scale in said.get("scales", {}).items()}
-    window = said.get("window", (None, None))
-    if isinstance(window, str) or not isinstance(window, Sequence) or len(window) != 2:
-        raise UsageError(
-            f"window={window!r} is no pair of times.", remedy="Give it in seconds, as (0.5, 3.0)."
-        )
-    numbers |= {"window": window[0] or 0.0, "end of window": window[1] or 0.0}
-    numbers["sample_time"] = said.get("sample_time", 0.0)
-    for name, number in numbers.items():
-        if isinstance(number, bool) or not isinstance(number, Real):
-            raise UsageError(
-                f"{name}: {number!r} is no number.", remedy="Give a number; times in seconds."
             )
 
 

@@ -18,6 +18,7 @@ from .codesys import read_trace
 from .dialect import find_layout
 from .groups import sparse_columns
 from .json_table import read_json
+from .kinds import check_kinds
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Invalid, Log, StepInput, check_hold
 from .long_form import refuse_long_form
@@ -107,6 +108,15 @@ def read_log(
     UsageError
         When an argument is not possible.
     """
+    check_kinds(
+        {
+            "columns": columns, "units": units, "scales": scales, "sample_time": sample_time,
+            "window": window, "steps": steps, "holds": holds, "unwrap": unwrap,
+            "constants": constants, "from_name": from_name, "decimal": decimal,
+            "thousands": thousands, "delimiter": delimiter, "skip_rows": skip_rows,
+            "header_row": header_row,
+        }
+    )  # fmt: skip
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
     given = [parse_exclusion(t) for t in ([exclude] if isinstance(exclude, str) else exclude)]

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
+from ..arguments import require
 from ..errors import ExistingFileError, OutputError
 from ..files import IRREGULAR, PathLike, is_irregular, refuse_input
 
@@ -53,6 +54,8 @@ def write_atomically(
     OutputError
         When the file exists and may not be replaced, is an input, or cannot be written.
     """
+    require("path", path=path)
+    require("truth", overwrite=overwrite)
     where = os.fspath(path)
     try:
         content = text.encode("utf-8") if isinstance(text, str) else text

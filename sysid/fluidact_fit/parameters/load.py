@@ -14,6 +14,7 @@ from typing import Any, TypeGuard, get_args
 
 import numpy as np
 
+from ..arguments import require
 from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
 from ..specification import Described
@@ -54,6 +55,7 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocu
     ParameterFileError
         Naming every problem with its path and line.
     """
+    require("path", path=path)
     where = os.fspath(path)
     try:
         text = read_yaml(path)

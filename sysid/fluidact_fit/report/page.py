@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..arguments import require
 from ..comparison import Comparison
 from ..errors import UsageError
 from ..families import get_family
@@ -92,6 +93,7 @@ def write_document_html(
 
 
 def _check_suffix(path: str | os.PathLike[str]) -> None:
+    require("path", path=path)
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise UsageError(
             "a report is written as HTML",
