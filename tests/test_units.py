@@ -185,6 +185,12 @@ def test_a_slip_of_a_prefix_is_no_unit(unit: str, si: str) -> None:
         ("x min", "x min", None),
         ("chamber A", "chamber A", None),
         ("Date, time", "Date, time", None),
+        ("M2", "M2", None),
+        ("V2", "V2", None),
+        ("in2", "in2", None),
+        ("bar2", "bar2", None),
+        ("m2", "m2", "m2"),
+        ("dm3", "dm3", "dm3"),
         ("", "", None),
     ],
 )

@@ -265,7 +265,9 @@ def looks_like_unit(text: str) -> bool:
 
 def _of_words(text: str) -> tuple[str, str | None]:
     """Name and unit of a header without brackets."""
-    if text != _TIME and looks_like_unit(text) and not re.search("[/*^]", text):
+    if text == _TIME or _is_numbered(text):
+        return text, None
+    if looks_like_unit(text) and not re.search("[/*^]", text):
         return text, text
     quotient = re.search("[/*^]", text) and looks_like_unit(text) and not _is_of_counts(text)
     found = _suffix(text) or _marked(text)
@@ -276,6 +278,18 @@ def _of_words(text: str) -> tuple[str, str | None]:
     return _with_size(
         *found, r"[0-9]{1,9}/[0-9]{1,9}|0?[.,][0-9]{1,9}|1e-[0-9]|10\^-?[0-9]|10{1,9}"
     )
+
+
+def _is_numbered(text: str) -> bool:
+    """Return whether a header is the second or third of its name (``M2``), not a power of a unit.
+
+    Areas and volumes in a unit of length have no other name, but an ``in2`` is an inlet.
+    """
+    found = re.fullmatch(r"([^\W\d_]+)\d", text)
+    if found is None or is_common_unit(text):
+        return False
+    length = is_unit(found[1]) and same_dimension(found[1], "m")
+    return not length or found[1] in ("in", "m")
 
 
 def _is_of_counts(text: str) -> bool:
