@@ -48,6 +48,15 @@ def check_places(
         invocation.read.extend(read)
 
 
+def check_folder(path: str) -> None:
+    """Refuse to make a folder of the name that means standard output (``UsageError``)."""
+    if path == "-":
+        raise UsageError(
+            "-o - is not supported: several files are written.",
+            remedy="Give the name of a folder, or . for the present one.",
+        )
+
+
 def refuse_existing(targets: Mapping[str, str], force: bool) -> None:
     """Refuse to replace files without --force (``UsageError``)."""
     for option, path in targets.items():
@@ -69,9 +78,11 @@ def _parts(path: str) -> list[str]:
 
 def _check_name(option: str, path: str, also: Sequence[str] = ()) -> None:
     if path == "-":
+        known = {name for p in click.get_current_context().command.params for name in p.opts}
+        to_stdout = ", or --json to have the result on standard output"
         raise UsageError(
             f"{option} - is not supported.",
-            remedy="Give a file name, or --json to have the result on standard output.",
+            remedy=f"Give a file name{to_stdout if '--json' in known else ''}.",
         )
     if not path.strip() or "\0" in path:
         raise UsageError(f"{option} has no file name.", remedy="Give one.")

@@ -196,3 +196,28 @@ def test_a_file_called_like_standard_input(files: Path, here: Run) -> None:
     done = here("inspect", "./-")
     assert done.status == 0, done.err
     assert done.out.startswith("-: 300 rows")
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        ("line a.csv -o -", "Give a file name, or --json"),
+        ("report line.yaml -o -", "Give a file name."),
+        ("export line.yaml --to c -o -", "Give the name of a folder, or . for"),
+        ("batch --family line --logs a.csv -o -", "Give the name of a folder, or . for"),
+    ],
+)
+def test_a_dash_is_no_name_of_an_output(words: str, remedy: str, files: Path, here: Run) -> None:
+    with kept(files):
+        done = here(*words.split())
+    assert done.status == 2
+    assert "-o - is not supported" in done.err.replace("--output", "-o")
+    assert remedy in done.err
+
+
+def test_a_simulation_goes_to_standard_output_by_a_dash_too(files: Path, here: Run) -> None:
+    with kept(files):
+        with_dash = here("simulate", "line.yaml", "a.csv", "-o", "-")
+        without = here("simulate", "line.yaml", "a.csv")
+    assert with_dash.status == 0, with_dash.err
+    assert with_dash.out == without.out

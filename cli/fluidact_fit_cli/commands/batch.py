@@ -15,7 +15,7 @@ from fluidact_fit.errors import StrictError, UsageError
 
 from ..messages import tell_message
 from ..options import VERBOSITY, Command, Option, flag
-from ..outputs import note_written
+from ..outputs import check_folder, note_written
 from ..progress import Progress
 from ..show import echo, echo_table, echo_text
 
@@ -87,6 +87,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
 
     from .batch_job import asked_by, execute
 
+    check_folder(folder)
     target = Path(folder)
     jobs, base = _jobs(jobs_file, target, params)
     _check_folder(target, params["force"])

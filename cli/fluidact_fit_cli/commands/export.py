@@ -8,7 +8,7 @@ import click
 
 from ..messages import echo_notices, tell_message
 from ..options import FORCE, VERBOSITY, Command, Option, flag
-from ..outputs import note_written
+from ..outputs import check_folder, note_written
 from ..show import echo
 
 _ACCEPTED = "Overriding safety checks"
@@ -66,6 +66,7 @@ def command(
     """
     from fluidact_fit.export import NotExportedError, export, renamed
 
+    check_folder(folder)
     controller = params["controller"]
     try:
         written = export(

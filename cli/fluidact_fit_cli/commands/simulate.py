@@ -46,7 +46,7 @@ _OF_LOOPS = ("reference", "draws", "seed", "accept_not_identified", "plot", "as_
         click.Argument(["params_file"], metavar="PARAMS"),
         click.Argument(["logs"], metavar="[LOG...|PARAMS...]", nargs=-1),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
-               help="CSV file; without it the table goes to standard output."),
+               help="CSV file; without it, or with -, the table goes to standard output."),
         FORCE,
         assignment("--input", "ROLE=FROM:TO[@T]", "command=0:2@0.1", parse_step,
                    "An input that steps from FROM to TO (in its --unit, or SI, or with a unit: "
@@ -96,6 +96,7 @@ def command(
     if params["controller"] is not None:
         simulate_closed_loop([params_file, *logs], output, force, params)
         return
+    output = None if output == "-" else output
     from fluidact_fit.simulation import to_csv, variant_of
 
     document = read_params(params_file, logs)
