@@ -161,7 +161,9 @@ def test_a_link_that_turns_during_a_fit_is_seen(
 
 
 def test_a_result_knows_its_logs(files: Path) -> None:
-    result = ff.fit("line", ["p.csv+q.csv"], validate=["a.csv"])
+    result = ff.fit(
+        "line", ["p.csv+q.csv"], window=(0, 2), validate=["a.csv"], validate_window=(2, None)
+    )
     with kept(files):
         for name in ("p.csv", "q.csv", "a.csv", str(files / "a.csv"), "soft.csv"):
             with pytest.raises(OutputError, match="would be overwritten"):

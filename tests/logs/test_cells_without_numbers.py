@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +49,32 @@ def test_several_cells_are_left_out_by_an_option(
     assert "--invalid=drop to leave such rows out" in caught.value.text
     assert "remove the line" not in caught.value.text
     assert read_log(path, exclude=options).rows == 397
+
+
+@pytest.mark.parametrize("sign", [",", "'"])
+@pytest.mark.parametrize("role", ["time", "inlet"])
+def test_thousands_are_to_be_named(tmp_path: Path, sign: str, role: str) -> None:
+    counts = [f"{100 * k:,}".replace(",", sign) for k in range(len(ROWS))]
+    cells = [row.split(",") for row in ROWS]
+    for row, count in zip(cells, counts):
+        row[("time", "inlet").index(role)] = f'"{count}"'
+    names = NAMES.replace("[s]", "[ms]") if role == "time" else NAMES
+    path = write(tmp_path, [names, *map(",".join, cells)])
+    for invalid in (None, "drop"):
+        with pytest.raises(LogError, match="stands between thousands") as caught:
+            ff.fit("line", path, invalid=invalid)
+        assert f"--thousands '{sign}'" in caught.value.text or f'"{sign}"' in caught.value.text
+    column = read_log(path, thousands=sign).columns[("time", "inlet").index(role)]
+    assert column.values[-1] == 100.0 * (len(ROWS) - 1)
+
+
+@pytest.mark.parametrize("given", [{"decimal": ","}, {"delimiter": ";"}, {"thousands": "."}])
+def test_a_sign_that_does_not_suit_the_file_is_named(tmp_path: Path, given: dict[str, Any]) -> None:
+    (option, sign), *_ = given.items()
+    with pytest.raises(LogError) as caught:
+        read_log(write(tmp_path, [NAMES, *ROWS]), **given)
+    assert f"no table of numbers was found with --{option} '{sign}'." in caught.value.text
+    assert f"Leave --{option} out" in caught.value.text
 
 
 def test_a_column_of_text_is_to_be_replaced(tmp_path: Path) -> None:

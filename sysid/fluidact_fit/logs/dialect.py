@@ -106,9 +106,9 @@ def find_layout(source: Source, written: Written) -> Layout:
             head = source.lines()
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
-            raise _no_table(source.name, skipped)
+            raise _no_table(source.name, written, skipped)
     if cut.width == 1 and complete and not any(map(str.strip, head[start.first + 1 :])):
-        raise _no_table(source.name, skipped)  # one number is none
+        raise _no_table(source.name, written, skipped)  # one number is none
     visible = _hidden(head, written.skip_rows)
     layout = _lay_out(visible, body, start, cut, hints, written, source.name)
     return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
@@ -198,7 +198,7 @@ def _choose_cut(body: Sequence[str], hints: Hints, written: Written, name: str) 
         if score > best:
             best, chosen = score, cut
     if chosen is None or best < 0.15:
-        raise _no_table(name)
+        raise _no_table(name, written)
     return chosen
 
 
@@ -319,12 +319,20 @@ def _several(cell: str) -> bool:
     return len(cell) < LONG_CELL and not is_stamp(cell) and _SEVERAL.match(cell) is not None
 
 
-def _no_table(name: str, skipped: int = 0) -> LogError:
+def _no_table(name: str, written: Written, skipped: int = 0) -> LogError:
+    signs = [(f"--{n}", v) for n, v in written.given.items() if isinstance(v, str)]
+    listed = " and ".join(f"{option} {sign!r}" for option, sign in signs)
+    remedy = "Open the file in an editor, and export it again as CSV if it is something else."
+    if signs:
+        options = " and ".join(option for option, _ in signs)
+        remedy = f"Leave {options} out, or name the sign that stands in the file."
     return LogError(
-        "no table of numbers was found" + (f" below line {skipped}." if skipped else "."),
+        "no table of numbers was found"
+        + (f" below line {skipped}" if skipped else "")
+        + (f" with {listed}." if listed else "."),
         where=name,
         expected="Expected rows of numbers separated by commas, semicolons, tabs or blanks.",
-        remedy="Open the file in an editor, and export it again as CSV if it is something else.",
+        remedy=remedy,
     )
 
 

@@ -11,7 +11,7 @@ from ..errors import LogError, Notice
 from ..experiment import BoolArray, IndexArray, at_rows, is_finite
 from .columns import TIME, Binding
 from .grid import Run
-from .layout import BLANKS, GROUPED
+from .layout import BLANKS, GROUPED, THOUSANDS
 from .log import MIN_RUN, Log, count_of, name_lines
 from .stamps import PAIR
 
@@ -153,7 +153,7 @@ def _refusal(log: Log, binding: Binding, rows: IndexArray, wrong: IndexArray) ->
 
 def _way_out(role: str, text: str) -> str:
     """Suggest what to do with a cell that may be a number in another form; empty for any other."""
-    if any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
+    if any(form.match(text) for form in (*GROUPED.values(), THOUSANDS, BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         return f"If '{sign}' stands between thousands, give --thousands '{sign}'."
     if role == TIME.name and PAIR.fullmatch(text):

@@ -26,6 +26,8 @@ GROUPED = {
     )
     for decimal, other in ((".", ","), (",", "."))
 }
+# Whole numbers with a sign between thousands that is not that before decimals.
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([.,'\u2019])\d{3}(\1\d{3})*$", re.ASCII)
 BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between thousands
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 LONG_CELL = 200  # characters, beyond which a search in it could take long
