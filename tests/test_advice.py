@@ -124,6 +124,19 @@ def test_fit_asks_for_what_no_log_tells(
     assert "'command=u [V]'" in first["powershell"]
 
 
+def test_a_refusal_names_the_log_of_several(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = bench(tmp_path).read_text(encoding="utf-8")
+    (tmp_path / "other.csv").write_text(text.replace("p1", "p3"), encoding="utf-8")
+    words = ["bench.csv", "other.csv", "--column", "inlet=p1", "--column", "outlet=p2"]
+    for command in ("fit", "inspect"):
+        run([command, *words])
+        told = capsys.readouterr()
+        assert "other.csv: there is no column 'p1'" in told.out + told.err
+
+
 def test_without_a_trial_nothing_is_fitted(tmp_path: Path) -> None:
     (found,) = suggest([ff.read_log(bench(tmp_path))], ["bench.csv"], "line", trial=False)
     assert found.verdict == ""

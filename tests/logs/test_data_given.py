@@ -167,6 +167,16 @@ def test_matlab_vectors(
     check(path, expected)
 
 
+@pytest.mark.parametrize("named", [{}, {"outlet": "outlet"}])
+def test_a_missing_column_is_told_beside_what_was_left_out(
+    tmp_path: Path, columns: dict[str, np.ndarray], named: dict[str, str]
+) -> None:
+    path = tmp_path / "log.mat"
+    savemat(path, {**columns, "outlet": columns["outlet"][:-1]})
+    with pytest.raises(LogError, match=r"outlet \(999 values where the others have 1000\)"):
+        ff.fit("line", path, columns=named)
+
+
 def test_dspace_matlab_with_two_rasters(tmp_path: Path) -> None:
     fast, slow = np.arange(0.0, 1.0, 0.01), np.arange(0.0, 1.0, 0.1)
     recording = {

@@ -99,6 +99,7 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
         Where nothing is possible: because no family can be determined, or for another reason.
     """
     from fluidact_fit.advice import unit_lines
+    from fluidact_fit.logs.columns import left_out
 
     if found and found[0].asked and not (found[0].unsure or found[0].candidates):
         raise UsageError(
@@ -121,7 +122,7 @@ def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:
             "no family fits these logs as they are.",
             expected=f"What was tried:\n{reasons}" if found else
             "\n".join(["Expected columns whose units or names tell what they are.",
-                       *unit_lines(log)]),
+                       *unit_lines(log), *left_out(log)]),
             remedy="Run the family with --column, --unit and what it asks for; inspect shows the "
             "columns.",
         )  # fmt: skip

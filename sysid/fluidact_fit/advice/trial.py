@@ -53,13 +53,13 @@ def _try_fit(
         if error.option and not chosen:
             why = f"without {error.option}, {error.what}"
             return _try_with(error.option, why, s, logs, progress)
-        return replace(s, verdict="refused", reason=_one_line(error))
+        return replace(s, verdict="refused", reason=_one_line(error, logs))
     except (UsageError, LogError) as error:
         unsaid = not s.options and all(log.invalid is None for log in logs)
         if _DROP in error.remedy and unsaid:
             why = f"{error.where}: {error.what} No row is dropped unless you ask for it."
             return _try_with(_DROP, why, s, logs, progress)
-        return replace(s, reason=_one_line(error), asked=tuple(_OPTION.findall(error.remedy)))
+        return replace(s, reason=_one_line(error, logs), asked=tuple(_OPTION.findall(error.remedy)))
     free = [q for q in result.parameters.values() if q.status == "estimated"]
     lost = [n for n, q in result.parameters.items() if q.status == "not_identified"]
     said = [n.message for n in result.notices if n.code == "not-identified"]
@@ -83,9 +83,11 @@ def _try_with(
     return replace(tried, reason=f"{why} {tried.reason}".strip())
 
 
-def _one_line(error: FluidactError) -> str:
-    """Refusal and remedy in one line, in the words of the command line."""
-    said = [error.what, error.expected.replace("Nothing was written.", ""), error.remedy]
+def _one_line(error: FluidactError, logs: Sequence[Log]) -> str:
+    """Refusal and remedy in one line, in the words of the command line; of several logs which."""
+    where = f"{error.where}: " if error.where and len(logs) > 1 else ""
+    said = [f"{where}{error.what}", error.expected.replace("Nothing was written.", "")]
+    said.append(error.remedy)
     ended = (text if text.rstrip().endswith((".", ":")) else f"{text}." for text in said if text)
     return " ".join(" ".join(ended).split())
 

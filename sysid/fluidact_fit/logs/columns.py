@@ -72,6 +72,16 @@ def list_columns(log: Log, shown: int = 12) -> str:
     return ", ".join(texts)
 
 
+def left_out(log: Log) -> list[str]:
+    """What was noticed of parts of a log that are not among its columns."""
+    return [n.message for n in log.notices if n.code in ("variables-left-out", "recording-cut")]
+
+
+def _held_by(log: Log) -> str:
+    """The columns of a log, and what is not among them, for a message."""
+    return "\n".join([f"Its columns are {list_columns(log)}.", *left_out(log)])
+
+
 def check_roles(log: Log, roles: Iterable[Role]) -> None:
     """Refuse options that name a role the family does not have, or that do not apply to it."""
     known = {role.name: role for role in roles}
@@ -434,7 +444,7 @@ def require_roles(log: Log, roles: Sequence[Role]) -> None:
     raise MissingColumnError(
         f"no column is named {names}.",
         where=log.name,
-        expected=f"Its columns are {list_columns(log)}.",
+        expected=_held_by(log),
         remedy="\n".join(remedies),
         log=log,
     )
@@ -505,6 +515,6 @@ def _no_column(log: Log, role: str, wanted: str) -> LogError:
     return LogError(
         f"there is no column '{wanted}' for the role '{role}'.",
         where=log.name,
-        expected=f"Its columns are {list_columns(log)}.",
+        expected=_held_by(log),
         remedy=f"{guess}Give --column {role}=HEADER (or #N).",
     )
