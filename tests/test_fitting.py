@@ -80,6 +80,7 @@ def test_seconds_that_are_fitted_do_not_validate(fit: Fit) -> None:
         ({"sample_time": "ten"}, "sample_time: 'ten' is not a number"),
         ({"fixed": "dead_time=12 ms"}, "not a mapping of name to number"),
         ({"columns": {"command": 0}}, "number of a column as '#1', counted from 1"),
+        ({"fixed": {5: 1.0}}, "not a mapping of name to number"),
         ({"columns": {0: "#1"}}, "not a mapping of name to value"),
         ({"units": {"outlet": 5}}, "units of outlet=5 is not text"),
         ({"scales": {"outlet": True}}, "is not a number"),

@@ -63,6 +63,10 @@ def test_a_percentage_of_thirty_digits_is_not_printed(value: float, shown: str) 
     assert percent_text(value) == shown
 
 
+def test_a_change_may_be_rounded_to_a_hundred() -> None:
+    assert percent_text(99.999998, "+.2f") == "+100.00 %"
+
+
 def test_a_hopeless_fit_is_told_in_few_words() -> None:
     _, (notice,) = judge(agreement([replace(run(1.0, 1e28), level=1.0)]), [], None, None)
     assert "by over 1000 % of what it moves" in notice.message

@@ -26,10 +26,12 @@ PIPE_CLOSED = 141  # 128 + SIGPIPE
 class Invocation:
     """The command line as typed, for provenance and for ``--debug``, and what came of it.
 
-    ``read`` are files that nothing may be written to, ``written`` those that were.
+    ``read`` are files that nothing may be written to, ``written`` those that were. ``is_job`` says
+    whether a batch gave it.
     """
 
     args: tuple[str, ...]
+    is_job: bool = False
     read: list[str] = field(default_factory=list)
     written: list[str] = field(default_factory=list)
 
@@ -66,7 +68,7 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
         if isinstance(error, BrokenPipeError):
             drop(sys.stdout)
             return PIPE_CLOSED
-        message, status = explain(error, invocation.written)
+        message, status = explain(error, invocation.written, invocation.args)
         if status == INTERRUPTED:
             tell(message)
         elif message:
@@ -93,14 +95,19 @@ def _flush() -> None:
         drop(sys.stdout)
 
 
-def explain(error: BaseException, written: Sequence[str] = ()) -> tuple[str, int]:
-    """Return the message and the exit status of an error, given the files written before it."""
+def explain(
+    error: BaseException, written: Sequence[str] = (), words: Sequence[str] = ()
+) -> tuple[str, int]:
+    """Return the message and the exit status of an error.
+
+    ``written`` are the files written before it, ``words`` those of the command line.
+    """
     written = [path for path in written if os.path.exists(path)]
-    text, status = _explain(error, "" if written else " Nothing was written.")
+    text, status = _explain(error, words, "" if written else " Nothing was written.")
     return (f"{text}\nWritten before that: {', '.join(written)}." if written else text), status
 
 
-def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
+def _explain(error: BaseException, words: Sequence[str], nothing: str) -> tuple[str, int]:
     if isinstance(error, FluidactError):
         return error.text, error.exit_status
     if isinstance(error, click.exceptions.Exit):
@@ -108,7 +115,7 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return f"Interrupted.{nothing}", INTERRUPTED
     if isinstance(error, click.UsageError):
-        return bounded(_explain_usage(error)), 2
+        return bounded(_explain_usage(error, words)), 2
     if isinstance(error, click.ClickException):
         return bounded(error.format_message()), 2
     if isinstance(error, MemoryError):
@@ -128,18 +135,23 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
     ), 1
 
 
-def _explain_option(error: click.NoSuchOption) -> str:
-    """Name the option that does not exist, and the one that was probably meant."""
+def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
+    """Name the option that does not exist, and the one or the file that was probably meant."""
+    file = next((w for w in words if w.startswith("-") and os.path.isfile(w)), "")
+    if file:
+        return f"'{file}' was read as an option. Give './{file}' if the file is meant."
     params = [] if error.ctx is None else error.ctx.command.get_params(error.ctx)
     close = closest(error.option_name, [o for p in params for o in (*p.opts, *p.secondary_opts)])
     hint = f" Did you mean '{close}'?" if close else ""
     return f"there is no option '{error.option_name}'.{hint}"
 
 
-def _explain_usage(error: click.UsageError) -> str:
+def _explain_usage(error: click.UsageError, words: Sequence[str]) -> str:
     text = error.format_message().replace("\n\t", " ")
+    text = text.replace("is not a valid integer range", "is not a whole number")
+    text = text.replace("is not a valid float range", "is not a number")
     if isinstance(error, click.NoSuchOption):
-        text = _explain_option(error)
+        text = _explain_option(error, words)
     if isinstance(error, click.MissingParameter) and error.param and error.param.name == "logs":
         text += " Give at least one CSV file."
     if error.ctx is not None:

@@ -48,6 +48,15 @@ def check_places(
         invocation.read.extend(read)
 
 
+def refuse_twice(logs: Iterable[str], remedy: str = "Give each log once.") -> None:
+    """Refuse a file that is given twice, under whatever name (``UsageError``)."""
+    seen = set()
+    for path in logs:
+        if (real := os.path.realpath(path)) in seen:
+            raise UsageError(f"{path} is given twice.", remedy=remedy)
+        seen.add(real)
+
+
 def check_folder(path: str) -> None:
     """Refuse to make a folder of the name that means standard output (``UsageError``)."""
     if path == "-":
@@ -59,12 +68,13 @@ def check_folder(path: str) -> None:
 
 def refuse_existing(targets: Mapping[str, str], force: bool) -> None:
     """Refuse to replace files without --force (``UsageError``)."""
+    invocation = _invocation()
     for option, path in targets.items():
         if os.path.isfile(path) and not force:
-            raise UsageError(
-                f"{path} already exists; not overwritten.",
-                remedy=f"Give --force to replace it, or another name with {option}.",
-            )
+            remedy = f"Give --force to replace it, or another name with {option}."
+            if invocation is not None and invocation.is_job and option == "-o":
+                remedy = "Give batch --force to replace it, or move it away."
+            raise UsageError(f"{path} already exists; not overwritten.", remedy=remedy)
 
 
 def _parts(path: str) -> list[str]:

@@ -29,6 +29,7 @@ from .errors import UsageError
 from .families import get_family
 from .files import shell_command
 from .logs import Log, LogLike, Reading, describe, open_logs
+from .logs.log import count_of
 from .options import describe as describe_options
 from .parameter_table import Entry, entries, recorded_units
 from .parameters.document import ParameterDocument
@@ -474,7 +475,7 @@ def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     for key in (k for k in known if k in columns):
         out += _of_column(columns[key], known[key], name, before)
     if other["rows"] != first["rows"]:
-        out.append(f"{name} has {other['rows']} rows, {before} has {first['rows']}")
+        out.append(f"{name} has {count_of(other['rows'], 'row')}, {before} has {first['rows']}")
     now, then = (float((log["time"] or {}).get("sample_time") or 0.0) for log in (other, first))
     if now and then and abs(now - then) > _SAME_STEP * then:
         out.append(f"{name} was sampled every {now:g} s, {before} every {then:g} s")

@@ -293,7 +293,7 @@ def _numbers(
     option: str, given: Mapping[str, float | str] | None, units_of: Mapping[str, Sequence[str]]
 ) -> dict[str, float]:
     """Values by name as finite numbers in SI; ``UsageError`` for anything else."""
-    if given is not None and not isinstance(given, Mapping):
+    if not isinstance(given or {}, Mapping) or not all(isinstance(n, str) for n in given or {}):
         raise UsageError(
             f"{option}={shown(given)} is not a mapping of name to number.",
             remedy="Give one, as {'dead_time': 0.012}.",

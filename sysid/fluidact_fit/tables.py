@@ -55,7 +55,7 @@ def format_quantity(value: float, unit: str, recorded: Sequence[str] = (), digit
 def percent_text(value: float | None, form: str = ".2f") -> str:
     """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none.
 
-    One short of 100 is never rounded to it.
+    One short of 100 is never rounded to it, but a change (``form`` begins with a sign) is.
     """
     if value is None:
         return "-"
@@ -64,7 +64,7 @@ def percent_text(value: float | None, form: str = ".2f") -> str:
     text, digits = f"{value:{form}}", 5
     if float(text) == 0.0:
         text = f"{0.0:{form}}"  # not -0.00
-    while value < 100.0 <= float(text) and digits < 16:
+    while form[0] != "+" and value < 100.0 <= float(text) and digits < 16:
         text, digits = f"{value:.{digits}g}", digits + 1
     return f"{text} %"
 

@@ -135,6 +135,7 @@ def test_a_parameter_file_of_somebody_else_is_kept(fleet: Path, apart: Run) -> N
     assert (fleet / "out" / "one.yaml").read_text(encoding="utf-8") == "mine"
     table = pd.read_csv(fleet / "out" / "summary.csv", index_col="job")
     assert "already exists" in table.loc["one", "message"]
+    assert "Give batch --force to replace it" in table.loc["one", "message"]
     (fleet / "out" / "one.yaml").unlink()
     (fleet / "one.html").unlink(missing_ok=True)
     assert apart("batch", fleet / "jobs.csv", "-o", fleet / "out").status == 0

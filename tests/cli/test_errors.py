@@ -179,3 +179,36 @@ def test_an_ascii_terminal_is_no_fault(inside: Path, valve: Callable[..., Path])
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert b"written to valve.yaml" in done.stdout
+
+
+def test_a_file_that_begins_with_a_dash_is_named(here: Run, valve: Any, inside: Path) -> None:
+    os.rename(valve(), inside / "-dash.csv")
+    done = here("valve", "-dash.csv")
+    assert done.status == 2
+    assert "Give './-dash.csv' if the file is meant" in done.err
+    assert here("valve", "./-dash.csv", "-q").status == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("valve", "valve.csv", "--exclude-rows", "0"), "--exclude-rows 0 is not understood"),
+        (("batch", "jobs.csv", "-o", "x", "--workers", "x"), "'x' is not a whole number."),
+        (("check", "valve.yaml", "valve.csv", "./valve.csv"), "./valve.csv is given twice"),
+    ],
+)
+def test_what_was_typed_is_named(
+    words: tuple[str, ...], told: str, here: Run, valve: Any, inside: Path
+) -> None:
+    valve()
+    assert here("valve", "valve.csv", "-q").status == 0
+    done = here(*words)
+    assert done.status == 2
+    assert told in done.err
+
+
+def test_one_row_is_not_several(here: Run, valve: Any, inside: Path) -> None:
+    lines = valve().read_text(encoding="utf-8").splitlines()[:2]
+    Path("one.csv").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    assert "one.csv: 1 row, 3 columns" in here("inspect", "one.csv").out
+    assert "1 run, 0 to " in here("inspect", "valve.csv").out

@@ -72,7 +72,7 @@ def execute(task: Task) -> Outcome:
 def _run(task: Task) -> BaseException | None:
     family, *words = task.words
     words += ["-o", task.output]
-    invocation = Invocation((family, *words))
+    invocation = Invocation((family, *words), is_job=True)
     words += ["--json", *(["--force"] if task.replace else [])]
     try:
         _check(family, task.words)

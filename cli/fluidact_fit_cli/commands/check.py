@@ -9,6 +9,7 @@ import click
 
 from .. import options
 from ..messages import echo_notices
+from ..outputs import refuse_twice
 from ..progress import Progress
 from ..show import echo, echo_json, show_table
 
@@ -43,6 +44,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
     from fluidact_fit.check import check
     from fluidact_fit.simulation import variant_of
 
+    refuse_twice(logs)
     document = options.read_params(params_file, logs)
     options.check_role_names(params, [role.name for role in variant_of(document).roles])
     with closing(Progress(params["quiet"], params["verbose"], stages=_STAGES)) as progress:

@@ -39,7 +39,7 @@ from ..options import (
     read_logs,
     reading,
 )
-from ..outputs import check_places, refuse_existing, write_all
+from ..outputs import check_places, refuse_existing, refuse_twice, write_all
 from ..parameter_table import echo_parameters
 from ..parse import converted, parse_quantities, parse_seconds, parse_window
 from ..progress import Progress
@@ -191,15 +191,7 @@ def check_family_names(family: Family[FamilyOptions], params: Mapping[str, Any])
 def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
     """Refuse logs and outputs that cannot be, before any log is read."""
     logs = (*params["logs"], *params["validate"])
-    seen = set()
-    for path in logs:
-        real = os.path.realpath(path)
-        if real in seen:
-            raise UsageError(
-                f"{path} is given twice.",
-                remedy="Give each log once; a log for --validate must not be fitted as well.",
-            )
-        seen.add(real)
+    refuse_twice(logs, "Give each log once; a log for --validate must not be fitted as well.")
     check_places(targets, logs)
     _check_suffix(targets.get("-o", ""))
 

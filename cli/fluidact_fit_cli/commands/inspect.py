@@ -141,7 +141,7 @@ def _beside(path: Path) -> Path:
 def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     dialect = found["dialect"]
     separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
-    echo(f"{found['file']}: {_rows(found)}, {len(found['columns'])} columns")
+    echo(f"{found['file']}: {_rows(found)}, {_count(len(found['columns']), 'column')}")
     text = f", {dialect['encoding']}, separator {separator}, decimal '{dialect['decimal']}', "
     text += f"data from line {dialect['first_data_line']}"
     echo_text(f"format: {dialect['name']}{text if separator else ''}")
@@ -153,7 +153,10 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     if "family" in found:
         runs = found["family"]["runs"]
         samples = sum(run["samples"] for run in runs)
-        echo(f"usable for {found['family']['name']}: {len(runs)} run(s), {samples} samples")
+        echo(
+            f"usable for {found['family']['name']}: {_count(len(runs), 'run')}, "
+            f"{_count(samples, 'sample')}"
+        )
     echo()
     at = found["time"]["column"] if found["time"] else None
     echo_channels([c for c in found["columns"] if c["number"] != at], roles)
@@ -175,7 +178,13 @@ def _show_briefly(found: Mapping[str, Any]) -> None:
 def _rows(found: Mapping[str, Any]) -> str:
     """Return the number of rows, and of those that ``--window`` and ``--exclude`` leave."""
     used = f", {found['rows_used']} of them used" if "rows_used" in found else ""
-    return f"{found['rows']} rows{used}"
+    return f"{_count(found['rows'], 'row')}{used}"
+
+
+def _count(number: int, noun: str) -> str:
+    from fluidact_fit.logs.log import count_of
+
+    return count_of(number, noun)
 
 
 def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
@@ -213,6 +222,6 @@ def _show_time(time: Mapping[str, Any] | None) -> None:
     told = "" if time["named"] else f" (likely; a fit needs --column time=#{time['column']})"
     echo_text(
         f"time in column #{time['column']}{told}, unit {time['unit']}{assumed}: "
-        f"{time['runs']} run(s), {time['start']:g} to {time['end']:g} s, "
+        f"{_count(time['runs'], 'run')}, {time['start']:g} to {time['end']:g} s, "
         f"every {step:g} s{rate}, {even}"
     )

@@ -41,6 +41,12 @@ def parse_exclusion(text: str) -> Exclusion:
                 return Exclusion(kind, *ends)
     except ValueError:
         pass
+    if kind == "rows":
+        raise UsageError(
+            f"--exclude-rows {what} is not understood.",
+            expected="Expected rows counted from 1: 7, or the first and the last as 120:130.",
+            remedy="For one log of several: --exclude-rows trial1.csv:7.",
+        )
     raise UsageError(
         f"--exclude {text!r} is not understood.",
         expected=f"Expected {_FORMS}.",
