@@ -31,9 +31,9 @@ class Invocation:
     """
 
     args: tuple[str, ...]
-    is_job: bool = False
     read: list[str] = field(default_factory=list)
     written: list[str] = field(default_factory=list)
+    is_job: bool = False
 
     @property
     def debug(self) -> bool:

@@ -109,7 +109,7 @@ REJECTIONS = [
     ),
     ("parameters/mass/ci95", [54.0, 55.0], "parameters.mass.ci95", "does not contain"),
     ("parameters/mass/ci95", [54.0, 53.0], "parameters.mass.ci95", "low is above high"),
-    ("parameters/mass/ci95", [53.0], "parameters.mass.ci95", "1 entries"),
+    ("parameters/mass/ci95", [53.0], "parameters.mass.ci95", "has 1 entry; expected at least 2"),
     ("parameters/mass/ci95", 53.0, "parameters.mass.ci95", "not a list"),
     (
         "parameters/control_points/ci95/1",
@@ -140,14 +140,24 @@ REJECTIONS = [
     ("fit", DELETE, "fit", "missing"),
     ("fit/verdict", "good", "fit.verdict", "'pass', 'warn' or 'fail'"),
     ("fit/samples", 3000.0, "fit.samples", "whole number"),
-    ("fit/samples", -1, "fit.samples", "greater than or equal to 0"),
+    ("parameters/mass/status", "fixed", "parameters.mass.std_error", "is fixed has none"),
+    ("parameters/mass/status", "not_identified", "parameters.mass.ci95", "not_identified has none"),
+    ("provenance/created", "yesterday", "provenance.created", "'yesterday' is not an instant"),
+    ("fit/samples", 10**400, "fit.samples", "is too large; expected at most 9007199254740992"),
+    ("fit/samples", 0, "fit.samples", "0 is too small; expected at least 1"),
+    ("fit/samples", -1, "fit.samples", "-1 is too small; expected at least 1"),
     ("fit/rmse", 1e-5, "fit.rmse", "not a mapping"),
     ("fit/rmse/unit", "mm", "fit.rmse.unit", "'m'"),
     ("fit/rmse/unit", "kg", "fit.rmse.unit", "wrong dimension"),
     ("fit/logs/0/rmse/unit", "kg", "fit.logs[0].rmse.unit", "wrong dimension"),
     ("fit/details/filter/cut_off", math.nan, "fit.details.filter.cut_off", "not finite"),
     ("fit/details/filter/cut_off", {1, 2}, "fit.details.filter.cut_off", "a set cannot"),
-    ("fit/residual_whiteness/p_value", 1.5, "fit.residual_whiteness.p_value", "less than"),
+    (
+        "fit/residual_whiteness/p_value",
+        1.5,
+        "fit.residual_whiteness.p_value",
+        "1.5 is too large; expected at most 1",
+    ),
     ("validation/0/file", DELETE, "validation[0].file", "missing"),
     ("warnings/0/code", 5, "warnings[0].code", "not text"),
     ("provenance", DELETE, "provenance", "missing"),
@@ -159,9 +169,9 @@ REJECTIONS = [
     ("options/length", -5.0, "options.length", "above 0"),
     ("options/ends", "loose", "options.ends", "one of free, fixed"),
     ("options/rails", [5.0, 0.0], "options.rails", "not below"),
-    ("fit/rmse/value", -1e-5, "fit.rmse.value", "greater than or equal to 0"),
-    ("fit/logs/0/rmse/value", -1e-5, "fit.logs[0].rmse.value", "greater than or equal to 0"),
-    ("fit/logs/0/left_out", -1, "fit.logs[0].left_out", "greater than or equal to 0"),
+    ("fit/rmse/value", -1e-5, "fit.rmse.value", "is too small; expected at least 0"),
+    ("fit/logs/0/rmse/value", -1e-5, "fit.logs[0].rmse.value", "is too small; expected at least 0"),
+    ("fit/logs/0/left_out", -1, "fit.logs[0].left_out", "is too small; expected at least 0"),
     ("fit/logs/0/offset", 0.2, "fit.logs[0].offset", "not a mapping"),
     ("fit/logs/0/offset/unit", "kg", "fit.logs[0].offset.unit", "wrong dimension"),
     (f"{COLUMNS}/force/hold", "auto", f"{COLUMN}force.hold", "expected 'zoh', 'foh' or 'smooth'"),
@@ -318,14 +328,14 @@ def test_parameters_are_put_in_the_order_of_the_family(document, lookup):
 
 
 def test_results_are_converted(document, lookup):
-    document["parameters"]["mass"] = Quantity(np.float64(53.71), "kg", "fixed")
-    document["parameters"]["weights"] = Quantity(np.array([1, 2, 3]), "1", "fixed")
+    document["parameters"]["mass"] = Quantity(np.float64(53.71), "kg", "estimated")
+    document["parameters"]["weights"] = Quantity(np.array([1, 2, 3]), "1", "estimated")
     document["covariance"]["matrix"] = np.diag([1.0, 2.0, 3.0])
     document["warnings"] = (Notice("code", "message"),)
     document["fit"]["samples"] = np.int64(5)
     document["fit"]["details"] = {"none": None, "flag": np.bool_(True), "single": np.float32(0.5)}
     plain = make_document(document, lookup).to_dict()
-    assert plain["parameters"]["mass"] == {"value": 53.71, "unit": "kg", "status": "fixed"}
+    assert plain["parameters"]["mass"] == {"value": 53.71, "unit": "kg", "status": "estimated"}
     assert plain["parameters"]["weights"]["value"] == [1.0, 2.0, 3.0]
     assert plain["warnings"] == [{"code": "code", "message": "message"}]
     assert plain["fit"]["details"] == {"flag": True, "single": 0.5}
@@ -391,8 +401,15 @@ def test_a_newer_version_is_the_only_problem(document, lookup):
     assert set(problems_of(document, lookup)) == {"format_version"}
 
 
+@pytest.mark.parametrize("status", ["fixed", "not_identified"])
+def test_what_was_not_estimated_has_no_variance(document, lookup, status):
+    document["parameters"]["mass"] = {"value": 54.0, "unit": "kg", "status": status}
+    problems = problems_of(document, lookup)
+    assert problems["covariance.order[0]"] == f"'mass' is {status}: it has no variance"
+
+
 def test_whole_numbers_by_hand_are_numbers(document, lookup):
-    document["parameters"]["mass"] = {"value": 54, "unit": "kg", "status": "fixed"}
+    document["parameters"]["mass"] = {"value": 54, "unit": "kg", "status": "estimated"}
     value = make_document(document, lookup).values()["mass"]
     assert value == 54.0
     assert type(value) is float

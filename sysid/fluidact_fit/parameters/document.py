@@ -7,6 +7,7 @@ ranges, lengths) is checked in ``validation``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -34,6 +35,7 @@ TAG = "~"
 
 # Rounding of printed numbers is no reason to reject a file.
 _RELATIVE = 1e-9
+_WITHOUT_ERROR = ("fixed", "not_identified")  # statuses of values that were not measured
 _EIGENVALUE = 1e-8
 
 
@@ -62,7 +64,7 @@ AnyInterval = Annotated[
     Discriminator(_nested(1, 3)),
 ]
 Free = dict[str, Any]  # numbers, text and lists of them; what they mean is up to the family
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=2**53)]  # beyond it, JSON readers lose digits
 _REAL = r"[-+]?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?"
 _EXCLUDED = rf"^(run=[0-9]+|(lines|rows)=[0-9]+(:[0-9]+)?|time=({_REAL})?:({_REAL})?)$"  # of a log
 _WINDOW = rf"^({_REAL}:({_REAL})?|:{_REAL})$"  # seconds that were used
@@ -121,6 +123,13 @@ class Parameter(Derived):
     """A physical parameter: SI value, unit, uncertainty, and where it came from."""
 
     status: Status
+
+    @model_validator(mode="after")
+    def _errs_where_estimated(self) -> Self:
+        given = [key for key in ("std_error", "ci95") if getattr(self, key) is not None]
+        words = f"a parameter that is {self.status} has none"
+        refuse(((key,), words) for key in given if self.status in _WITHOUT_ERROR)
+        return self
 
 
 def _array(value: Any) -> FloatArray:
@@ -273,7 +282,7 @@ class Fit(Part):
     # mean output of all fitted logs, the reference of fit_percent; without it, each log's own
     level: Measure | None = None
     rmse: Deviation
-    samples: Count
+    samples: Annotated[Count, Field(ge=1)]
     residual_whiteness: Whiteness | None = None
     method: str | None = None
     logs: list[LogFit] = []
@@ -391,8 +400,17 @@ class Provenance(Part):
     created: str
     command: str | None = None
     logs: list[LogSource] = []
-    seed: Count | None = None
+    seed: Annotated[int, Field(ge=0)] | None = None
     options: Free | None = None
+
+    @field_validator("created")
+    @classmethod
+    def _is_instant(cls, created: str) -> str:
+        try:
+            datetime.fromisoformat(created)
+        except ValueError:
+            refuse([((), f"{created[:60]!r} is not an instant, such as '2026-11-20T22:00:00Z'")])
+        return created
 
     @field_validator("options")
     @classmethod
@@ -439,6 +457,12 @@ class ParameterDocument(Part):
             )
             for place, name in enumerate(covariance.order)
             if name not in names
+        )
+        heads = [(place, name.partition("[")[0]) for place, name in enumerate(covariance.order)]
+        refuse(
+            (("order", place), f"{head!r} is {parameters[head].status}: it has no variance")
+            for place, head in heads
+            if parameters[head].status in _WITHOUT_ERROR
         )
         return covariance
 

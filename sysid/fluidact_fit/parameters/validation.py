@@ -37,8 +37,13 @@ _WORDS = {
     "dict_type": "{found} is not a mapping",
     "model_type": "{found} is not a mapping",
     "literal_error": "{found} is not known; expected {expected}",
-    "too_short": "has {actual_length} entries; {said}",
-    "too_long": "has {actual_length} entries; {said}",
+    "too_short": "has {size}; expected at least {min_length}",
+    "too_long": "has {size}; expected at most {max_length}",
+    "string_too_long": "has too many characters; expected at most {max_length}",
+    "greater_than_equal": "{found} is too small; expected at least {ge:.16g}",
+    "less_than_equal": "{found} is too large; expected at most {le:.16g}",
+    "finite_number": "{found} is not a finite number",
+    "value_error": "{error}",
     "string_pattern_mismatch": "{found} does not look right; expected {pattern}",
 }
 
@@ -87,7 +92,9 @@ def _check_structure(document: dict[str, Any], problems: Problems) -> ParameterD
             # Near enough for "did you mean": every key that any part of a document has.
             keys = {name for part in Part.__subclasses__() for name in part.model_fields}
             words = {"hint": suggest(key, keys), "said": item["msg"].lower(), "found": _name(found)}
-            problems.add(place, form.format(**words, **item.get("ctx", {})))
+            details = item.get("ctx", {})
+            words["size"] = _entries(details.get("actual_length", 0))
+            problems.add(place, form.format(**words, **details))
     return None
 
 
@@ -96,6 +103,10 @@ def _is_number(text: str) -> bool:
         return math.isfinite(float(text))
     except ValueError:
         return False
+
+
+def _entries(size: int) -> str:
+    return "1 entry" if size == 1 else f"{size} entries"
 
 
 def _name(found: Any) -> str:
@@ -179,7 +190,7 @@ def _check_value(value: Any, spec: ParameterSpec, place: Location, problems: Pro
         problems.add(place, f"is {kinds[array.ndim]}; expected {kinds[spec.rank]}")
         return
     if spec.length is not None and spec.rank and len(array) != spec.length:
-        problems.add(place, f"has {len(array)} entries; expected {spec.length}")
+        problems.add(place, f"has {_entries(len(array))}; expected {spec.length}")
     low, high = float(spec.minimum), float(spec.maximum)
     if math.isinf(low) or math.isinf(high):
         limits = f": at most {high!r}" if math.isinf(low) else f": at least {low!r}"
