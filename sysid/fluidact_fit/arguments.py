@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any
 
-import numpy as np
-
 from .errors import UsageError
 
 _LONGEST = 60  # characters of a value that is shown as it was written
@@ -17,7 +15,8 @@ _LONGEST = 60  # characters of a value that is shown as it was written
 
 def is_truth(value: Any) -> bool:
     """Return whether a value is ``True`` or ``False``."""
-    return isinstance(value, bool | np.bool_)
+    of_numpy = getattr(value, "shape", None) == () and str(value.dtype) == "bool"  # not imported
+    return isinstance(value, bool) or of_numpy
 
 
 def is_number(value: Any) -> bool:
