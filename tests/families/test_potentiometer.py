@@ -100,7 +100,7 @@ def document(parameters: Mapping[str, Quantity]) -> ParameterDocument:
         "parameters": dict(parameters),
         "model": FAMILY.model(Plant(VARIANT, values, PotentiometerOptions()), 0.0, "zoh"),
         "fit": {"samples": 2, "rmse": {"value": 1e-5, "unit": "m"}, "verdict": "pass"},
-        "provenance": {"tool": {"name": "test", "version": "1"}, "created": "now"},
+        "provenance": {"tool": {"name": "test", "version": "1"}, "created": "2026-01-01T00:00:00Z"},
     }
     return make_document(content, get_family)
 
