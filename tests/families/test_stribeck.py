@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -375,3 +376,29 @@ def test_a_closed_loop_follows_the_rise() -> None:
         found.append(plant.measure()["position"])
         plant.advance([float(u)])
     assert np.abs(np.array(found) - due[:250, 2]).max() < 1e-5
+
+
+def slow_strokes(seed: int, **more: Any) -> Any:
+    """Strokes from 2 % of the highest speed, with corners of 30 ms."""
+    law = {**friction.TRUTH, "stribeck": 1.1, "stribeck_speed": 0.024}
+    speeds = (0.003, 0.01, 0.03, 0.07, 0.16)
+    moved = partial(friction.in_strokes, speeds=speeds, length=0.03, ramp=0.03)
+    rng = np.random.default_rng([31, seed])
+    return law, friction.record(
+        rng, motions=(moved,), law=law, n=6000, role="position", sigma=0.05, **more
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_slow_strokes_of_a_position_are_kept(seed: int) -> None:
+    """A dead band of 5 % of the highest speed left the slowest strokes out."""
+    law, logs = slow_strokes(seed)
+    found = ff.fit("cylinder-friction", logs, stribeck="estimate", mass=friction.MASS)
+    assert found.document.options["deadband"] < 0.003
+    assert all(deviation(found, n, law[n]) < 4.0 for n in BOTH)
+
+
+def test_a_dead_band_that_hides_the_rise_is_named() -> None:
+    _, logs = slow_strokes(0)
+    with pytest.raises(ff.NotIdentifiedError, match=r"slower than 0\.02 m/s was left out"):
+        ff.fit("cylinder-friction", logs, stribeck="estimate", mass=friction.MASS, deadband=0.02)

@@ -421,9 +421,19 @@ def _output_play(at: Optimum, role: str) -> Iterator[Term]:
         if s.role == role:
             known = np.isfinite(s.simulated)
             values = all_of(s.simulated, known)
-            change[known] = (behind_play(values, width) - values) / width
+            change[known] = _side_of_play(behind_play(values, width) - values)
         channels.append(change)
     yield _shape(at, "play of", role, _played, _PLAY, at.columns(channels))
+
+
+def _side_of_play(shift: FloatArray) -> FloatArray:
+    """Side on which play was last taken up, -1/2 after a way up, shape ``(n,)``.
+
+    Between its sides the shift is that of the signal, whose noise the residual has as well.
+    """
+    taken = np.abs(shift) > (1.0 - 1e-6) * np.abs(shift).max(initial=0.0)
+    last = np.maximum.accumulate(np.where(taken, np.arange(shift.size), 0))
+    return np.asarray(0.5 * np.sign(shift[last]))
 
 
 def _shape(

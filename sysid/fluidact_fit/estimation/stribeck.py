@@ -285,6 +285,7 @@ def undetermined(
     solve: Callable[[Mapping[str, float]], Solved],
     units: tuple[str, str] = ("N", "m/s"),
     least: float = 0.0,
+    deadband: float = 0.0,
 ) -> list[Refusal]:
     """Both parameters, where the rise is not beyond doubt or its speed could be any.
 
@@ -298,6 +299,8 @@ def undetermined(
         Of force and speed.
     least
         Speed below which there is only noise.
+    deadband
+        Speed up to which samples were left out, by an option that can keep more of them.
 
     Raises
     ------
@@ -325,6 +328,11 @@ def undetermined(
         reason = f"its speed would be {found_speed}; {seen}."
     else:
         return []
+    if low < 2.0 * deadband:
+        reason += (
+            f" Motion slower than {deadband:.2g} {units[1]} was left out: a lower --deadband, above"
+            " the noise of the speed, keeps slower strokes; a longer --filter lowers that noise."
+        )
     if "stribeck_speed" in half:
         held = {n: v for n, v in found.values.items() if n not in found.names}
         _require_no_rise(solve({**held, "stribeck_speed": at}), reason)

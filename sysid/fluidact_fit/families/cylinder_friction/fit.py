@@ -119,6 +119,7 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
                 # where the search ended: a step of a rise that is not determined may go anywhere
                 lambda held: problem.solve({**held, "stribeck_speed": found.speed}).free,
                 (axis.force_unit, axis.speed_unit),
+                deadband=options.deadband or 0.0,
             )
             or _undetermined(found.free, specs, data, ranges, noise)
         ),

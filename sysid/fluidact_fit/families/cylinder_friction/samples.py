@@ -24,6 +24,7 @@ MASS = "mass"  # what an unknown mass would add, estimated only to see what it t
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _STEADY = 0.1  # part of its mean that a steady speed may wander
 _FEWEST_STEADY = 50  # samples that show it
+_SLOWEST = 0.1  # of the moving samples are those of the slowest strokes
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
 _SHARP = 0.02  # of the highest speed that it is there at least
@@ -161,16 +162,21 @@ def count_sides(data: Sequence[Data]) -> dict[str, int]:
     return {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
 
 
-def _choose_deadband(motions: Sequence[Motion]) -> float:
+def _choose_deadband(motions: Sequence[Motion], rises: bool) -> float:
     """Speed below which a sample may be at rest: noise, or a share of the speed [m/s].
 
     The slowest log that moves at all sets the share, so that a fast one does not hide it. The
-    noise of a log that never comes near rest does not matter.
+    noise of a log that never comes near rest does not matter. Friction that ``rises`` towards rest
+    is known from slow strokes: the share is then no more than half the speed of the slowest.
     """
     near = [m.noise for m in motions if m.speed_at(0.02) <= 8.0 * m.noise]
     floor = 4.0 * max(near, default=0.0)
-    moving = [m.fast for m in motions if m.fast > floor]
-    return float(max(floor, SLOW * min(moving, default=0.0)))
+    moving = [m for m in motions if m.fast > floor]
+    share = SLOW * min((m.fast for m in moving), default=0.0)
+    if rises:
+        speeds = (np.abs(m.velocity[m.inside]) for m in moving)
+        share = min([share, *(0.5 * np.quantile(v[v > floor], _SLOWEST) for v in speeds)])
+    return float(max(floor, share))
 
 
 def _moving(motion: Motion, deadband: float) -> BoolArray:
@@ -242,7 +248,9 @@ def prepare(
     """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
     motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
-    deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
+    deadband = options.deadband
+    if deadband is None:
+        deadband = _choose_deadband(motions, options.stribeck == "estimate")
     options = replace(options, filter=half_width, deadband=deadband)
     scale = float(options.area or 1.0) if driven_by_pressure(variant) else _sign(options)
     out = []
