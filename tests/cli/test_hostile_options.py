@@ -176,6 +176,8 @@ def test_a_nul_is_blamed(words: list[str], here: Run) -> None:
         (["-o", "a.yaml", "-o", "b.yaml"], "-o was given twice"),
         (["--fix", "gain=1", "--bounds", "gain=2:3"], "lies outside --bounds gain=2:3"),
         (["--start", "gain=3", "--bounds", "gain=0:2"], "--start gain=3 lies outside --bounds"),
+        (["--start", "gain=3", "--fix", "gain=2"], "--start gain=... means nothing with --fix"),
+        (["--fix", "time_constant=-1"], "Expected 1e-09 s or more."),
         (["--exclude-rows", "600"], "leaves out nothing of log.csv"),
         (["--exclude", "rows=5:3"], "is not understood"),
     ],

@@ -253,11 +253,18 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
                     remedy="Give the lower end first.",
                 )
             if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
+                given_as = ":".join(f"{end:g}" for end in dict.fromkeys(pair))
                 raise UsageError(
-                    f"{option} {name}=...: {pair[0]:g} is outside the possible range",
-                    expected=f"{spec.minimum:g} to {spec.maximum:g}{after_number(spec.unit)}",
+                    f"{option} {name}={given_as} is outside the possible range",
+                    expected=f"Expected {_range_of(spec)}.",
                     remedy="Give a value inside it (SI units).",
                 )
+    if both := sorted(request.fixed.keys() & request.start.keys()):
+        raise UsageError(
+            f"--start {both[0]}=... means nothing with --fix {both[0]}=...: what is held is not "
+            "searched for",
+            remedy="Leave one of the options out.",
+        )
     for option, values in (("--fix", request.fixed), ("--start", request.start)):
         for name in values.keys() & request.bounds.keys():
             low, high = request.bounds[name]
@@ -267,3 +274,13 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
                     f"{option} {name}={values[name]:g} lies outside {said}",
                     remedy="Give a value between the bounds, or leave one of the options out.",
                 )
+
+
+def _range_of(spec: ParameterSpec) -> str:
+    """The possible values of a parameter with its unit, in words."""
+    unit = after_number(spec.unit)
+    if np.isinf(spec.maximum):
+        return f"{spec.minimum:g}{unit} or more"
+    if np.isinf(spec.minimum):
+        return f"{spec.maximum:g}{unit} or less"
+    return f"{spec.minimum:g} to {spec.maximum:g}{unit}"

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Notice
+from ...errors import Notice, UsageError
 from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
 from ...estimation.response_model import Plan, ResponseOptions, Searched
@@ -157,6 +157,12 @@ class Line(TransferFamily[LineOptions]):
 
     def plan(self, experiments: Sequence[Experiment], request: Request[LineOptions]) -> Plan:
         """Search over time constants and dead times."""
+        if request.options.sound_speed is not None and request.options.length is None:
+            raise UsageError(
+                "--sound-speed means nothing without --length: it is what the dead time of a line "
+                "of known length is compared with",
+                remedy="Give --length as well, or leave it out.",
+            )
         step, span = time_scales(experiments)
         axis = np.geomspace(0.3 * step, 0.5 * span, 7)
         searched = [
