@@ -96,13 +96,17 @@ class SpringCylinder(Family[SpringOptions]):
                  alternatives=("A", "1")),
             ParameterSpec("pressure_gain", "N/V", "force per command: valve gain times area",
                           minimum=1e-30, ratio=("force", "command"),
-                          remedy="Record the force while the command is raised and lowered."),
+                          remedy="Record the force while the command is raised and lowered, with "
+                          "the rod held at several positions: one that is free moves with the "
+                          "command."),
         ),
         _make_variant(
             Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh",
                  gauge=True),
             ParameterSpec("area", "m2", "piston area", minimum=1e-30,
-                          remedy="Record the force while the pressure is raised and lowered."),
+                          remedy="Record the force while the pressure is raised and lowered, with "
+                          "the rod held at several positions: one that is free moves with the "
+                          "pressure."),
         ),
     )  # fmt: skip
     options_type = SpringOptions
