@@ -19,12 +19,12 @@ T = np.arange(2000) * 0.01
 @pytest.mark.parametrize(
     ("unit", "size", "text", "si"),
     [
-        ("Pa", 1e-5, "shows 1.09e+03 Pa less", "Pa"),
-        ("bar", 1.0, "shows 0.0109 bar less", "Pa"),
-        ("1/100 bar", 0.01, "shows 0.0109 bar less", "Pa"),
-        ("psi", 0.06894757293168361, "shows 0.158 psi less", "Pa"),
-        ("V", 1.0, "shows 0.0109 V less", "V"),
-        ("mV", 1e-3, "shows 10.9 mV less", "V"),
+        ("Pa", 1e-5, "shows 1.08e+03 Pa less", "Pa"),
+        ("bar", 1.0, "shows 0.0108 bar less", "Pa"),
+        ("1/100 bar", 0.01, "shows 0.0108 bar less", "Pa"),
+        ("psi", 0.06894757293168361, "shows 0.157 psi less", "Pa"),
+        ("V", 1.0, "shows 0.0108 V less", "V"),
+        ("mV", 1e-3, "shows 10.8 mV less", "V"),
     ],
 )
 def test_what_the_model_lacks(unit: str, size: float, text: str, si: str) -> None:

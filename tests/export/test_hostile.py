@@ -38,7 +38,6 @@ def spread_evil(document: dict[str, Any]) -> None:
     document["fit"]["method"] = EVIL
     document["fit"]["logs"][0]["file"] = EVIL
     document["provenance"]["command"] = EVIL
-    document["provenance"]["created"] = EVIL
     document["provenance"]["tool"] = {"name": EVIL, "version": EVIL}
     for log in document["provenance"]["logs"]:
         log["file"] = EVIL

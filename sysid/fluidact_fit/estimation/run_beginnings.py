@@ -24,7 +24,7 @@ from .separable import solve, solve_from
 from .starts import time_scales
 
 _RESTING = 8  # first samples of an input that is taken to have been at rest before
-_FEW_STEPS = 1.0  # sample times of a dead time that leaves the first sample undescribed alone
+_FEW_STEPS = 2.0  # sample times of a dead time that leaves no more than as many samples undescribed
 _AT_REST = 0.1  # of the usual change of an input from one sample to the next
 _LONG_ENOUGH = 1000  # samples that show what is usual
 _LATER = 0.25  # of the longest log, the start of which a search leaves out

@@ -28,7 +28,6 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import Notice
 from ..experiment import FloatArray
 from ..routines import Expression, by_sign, choose, constant, exp
 from ..routines.expression import Operand
@@ -194,10 +193,10 @@ def mean_and_offset(values: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def warn_of_levels(
-    code: str, derived: Mapping[str, Quantity], drive: str, same: str, remedy: str
-) -> Iterator[Notice]:
-    """Tell of Coulomb levels that differ beyond doubt and by enough to matter.
+def unequal_levels(
+    derived: Mapping[str, Quantity], drive: str, same: str, remedy: str
+) -> Iterator[str]:
+    """Tell of Coulomb levels that differ beyond doubt and by enough to matter, in words.
 
     A constant force gives the same: ``F_c+ [v > 0] - F_c- [v < 0]`` is
     ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
@@ -213,10 +212,9 @@ def warn_of_levels(
     unit = derived["coulomb_mean"].unit
     error = float(np.max(derived["coulomb_offset"].std_error or 0.0))
     if abs(half) > max(_TOLD * error, _NOTABLE * abs(mean)):
-        yield Notice(
-            code,
+        yield (
             f"the Coulomb levels differ by {2.0 * half:+.3g} {unit} ({abs(200.0 * half / mean):.0f}"
             f" % of their mean, {mean:.4g} {unit}, which is measured either way). A constant "
             f"{drive} of {half:+.3g} {unit} ({same}) gives the same, and no motion can tell the "
-            f"two apart. {remedy}",
+            f"two apart. {remedy}"
         )

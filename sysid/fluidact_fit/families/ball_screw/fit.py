@@ -23,7 +23,7 @@ from ...family import (
     Variant,
     make_solution,
 )
-from ...mechanics.friction_law import mean_and_offset, warn_of_levels
+from ...mechanics.friction_law import mean_and_offset, unequal_levels
 from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_record import drive_notices, with_drive_errors
 from .levels import Bracket, find_levels, refine_levels
@@ -136,18 +136,16 @@ def _finish(
     drive = stage.axis.drive
     derived = derived_numbers(solved, stage.axis.inertia, variant.role(drive).unit)
     last = "position, speed and acceleration" if beyond else "position"
+    unequal = unequal_levels(
+        derived, drive, "the zero of the amplifier or sensor, weight",
+        f"Log the {drive} at rest, unloaded: if it shows zero, the levels do differ.",
+    )  # fmt: skip
     notices = [
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
         *drive_notices(stage.axis, experiments),
         *([beyond_notice(SPEED in parameters)] if beyond else []),
-        *warn_of_levels(
-            "levels-or-offset",
-            derived,
-            drive,
-            "the zero of the amplifier or sensor, weight",
-            f"Log the {drive} at rest, unloaded: if it shows zero, the levels do differ.",
-        ),
+        *(Notice("levels-or-offset", text) for text in unequal),
     ]
     return make_solution(
         simulate,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import LogError, Notice
 from ...estimation.uncertainty import model_of_residuals
-from ...mechanics.friction_law import FrictionLaw, warn_of_levels
+from ...mechanics.friction_law import FrictionLaw, unequal_levels
 from .axis import LINEAR
 from .filters import DEGREE
 from .fit import Fit, levels_impossible
@@ -73,12 +73,13 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     if len(fit.solved.refused.keys() & {*ONE_SIDED}) == 1:
         return  # the level of that direction has viscous friction in it, the other has not
     if all(n in fit.solved.names for n in LEVELS) and "coulomb_offset" in derived:
-        yield from warn_of_levels(
-            "asymmetry-or-offset", derived, fit.axis.drive,
+        for text in unequal_levels(
+            derived, fit.axis.drive,
             f"the zero of the {sensor}, a converter that truncates, weight, a preload",
             f"Read the {sensor} unloaded: if it shows zero, give --offset=none; if friction is "
             "known to be the same both ways, give --offset=estimate.",
-        )  # fmt: skip
+        ):  # fmt: skip
+            yield Notice("asymmetry-or-offset", text)
 
 
 def _warn_of_slow_logs(fit: Fit) -> Iterator[Notice]:

@@ -317,15 +317,20 @@ def _edges_of(found: Solution[HydrostaticOptions]) -> tuple[float, float]:
 def _misfit(found: Solution[HydrostaticOptions]) -> float:
     """Sum of the squared residuals of the position [m^2]."""
     return float(
-        sum(np.nansum((r.experiment["position"] - r.simulated.output) ** 2) for r in found.runs)
+        sum(
+            np.nansum((r.experiment.sampled("position") - r.simulated.output) ** 2)
+            for r in found.runs
+        )
     )
 
 
 def _force_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """Median of the forces at which the piston rests, and the largest force [N]."""
-    forces = np.concatenate([e["force"] for e in experiments])
-    speeds = np.abs(np.concatenate([np.gradient(e["position"], e.time) for e in experiments]))
-    resting = forces[speeds < _RESTING * np.quantile(speeds, 0.98)]
+    forces = np.concatenate([e.sampled("force") for e in experiments])
+    speeds = np.abs(
+        np.concatenate([np.gradient(e.sampled("position"), e.time) for e in experiments])
+    )
+    resting = forces[speeds < _RESTING * np.nanquantile(speeds, 0.98)]
     return float(np.median(resting)) if resting.size else 0.0, float(np.abs(forces).max())
 
 
