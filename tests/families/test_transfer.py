@@ -109,6 +109,24 @@ def test_line_recovers_fractional_dead_times() -> None:
         within(found, {"gain": 1.0, "time_constant": 0.12, "dead_time": dead_time})
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_rows_within_a_short_dead_time_are_no_outliers(seed: int) -> None:
+    """Begun in motion: the first two rows answer to what was not recorded, and were blamed."""
+    rng = np.random.default_rng(seed)
+    t, tau, dead = STEP * np.arange(400), 0.12, 2.5 * STEP
+    inlet, outlet = np.zeros(t.size), np.zeros(t.size)
+    for w, phase in zip(2.0 * np.pi * np.array([0.3, 0.9, 2.2]), rng.uniform(0.0, 6.3, 3)):
+        wave = np.exp(1j * (w * t + phase))
+        inlet += wave.imag
+        outlet += (wave * np.exp(-1j * w * dead) / (1.0 + 1j * w * tau)).imag
+    outlet += 1e-3 * rng.standard_normal(t.size)
+    found = ff.fit("line", {"time [s]": t, "inlet [bar]": inlet, "outlet [bar]": outlet})
+    assert {n.code for n in found.notices} <= {"beginning-left-out", "timing-matters"}
+    assert abs(found.parameters["dead_time"].value - dead) < 4.0 * float(
+        found.parameters["dead_time"].std_error
+    )
+
+
 def test_rounding_the_dead_time_would_bias_the_time_constant() -> None:
     """Why fractions matter: held at whole samples, the time constant moves many errors."""
     logs = [line_log(k, log=k) for k in range(3)]
