@@ -17,7 +17,7 @@ from . import policy
 
 _LAGS = range(1, 51)  # samples
 _SPEED = 5  # samples over which a change is taken
-_CONTROLLED = "Of a loop at a constant set point, record with steps of it or with the loop open."
+_CONTROLLED = "If a controller holds a set point, record steps of it, or open the loop."
 _SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
 
 

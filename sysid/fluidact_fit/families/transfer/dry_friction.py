@@ -20,7 +20,7 @@ from ...family import Plant, Simulate, UnmodelledEffect
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.held import HeldMass
 
-_EDGES = ("dead_zone_negative", "dead_zone_positive")
+EDGES = ("dead_zone_negative", "dead_zone_positive")
 
 
 def dry_friction(plant: Plant[Any]) -> UnmodelledEffect:
@@ -46,12 +46,12 @@ def _rubbed(
     without a dead zone to stand in, and for forces at instants of their own.
     """
     v = plant.numbers
-    low, high = (v[name] for name in _EDGES)
+    low, high = (v[name] for name in EDGES)
     friction = 0.5 * min(-low, high)
     sampled_alike = all(e["force"].size == e.samples > 1 for e in experiments)
     if friction <= 0.0 or not sampled_alike:
         return [{} for _ in experiments]
-    behind = replace(plant, values={**plant.values, **dict.fromkeys(_EDGES, 0.0)})
+    behind = replace(plant, values={**plant.values, **dict.fromkeys(EDGES, 0.0)})
     pushed = [
         e.with_readings("force", beyond_dead_zone(e["force"], low, high)) for e in experiments
     ]

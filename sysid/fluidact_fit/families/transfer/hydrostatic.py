@@ -51,10 +51,9 @@ from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
 from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
-from .dry_friction import dry_friction
+from .dry_friction import EDGES, dry_friction
 from .model import Free, TransferModel
 
-EDGES = ("dead_zone_negative", "dead_zone_positive")
 _RESTING = 0.03  # of the highest speed, below which the piston rests
 _ASIDE = 0.05  # of the largest force, by which that at rest may lie outside the dead zone
 
@@ -201,25 +200,33 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         Within the dead zone the piston rests. Where it does so at forces that are not between the
         edges that were found, or where none were, these forces are tried as the zero.
         """
-        found, error, edges = None, None, (0.0, 0.0)
         try:
             found = super().estimate(variant, experiments, request)
-            edges = _edges_of(found)
-        except NotIdentifiedError as refused:
-            error = refused
-        rest, reach = _force_at_rest(experiments)
-        aside = abs(rest) > _ASIDE * reach  # a fit of one edge alone ends with the other at zero
-        if aside and (0.0 in edges or not edges[0] <= rest <= edges[1]):
-            moved = [e.with_readings("force", e["force"] - rest) for e in experiments]
-            with suppress(NotIdentifiedError):
-                other = super().estimate(variant, moved, request)
-                low, high = (rest + edge for edge in _edges_of(other))
-                if low * high > 0.0 and (found is None or _misfit(other) < 0.5 * _misfit(found)):
-                    raise _zero_is_off(experiments[0].signals["force"], rest, low, high)
-        if found is None:
-            assert error is not None
-            raise error
+        except NotIdentifiedError:
+            self._refuse_other_zero(variant, experiments, request)
+            raise
+        self._refuse_other_zero(variant, experiments, request, found)
         return found
+
+    def _refuse_other_zero(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[HydrostaticOptions],
+        found: Solution[HydrostaticOptions] | None = None,
+    ) -> None:
+        """Refuse forces with another zero (``LogError``) where a fit from there is the better."""
+        rest, reach = _force_at_rest(experiments)
+        low, high = _edges_of(found) if found else (0.0, 0.0)
+        within = low < 0.0 < high and low <= rest <= high  # with one edge found the other is zero
+        if within or abs(rest) <= _ASIDE * reach:
+            return
+        moved = [e.with_readings("force", e["force"] - rest) for e in experiments]
+        with suppress(NotIdentifiedError):
+            other = super().estimate(variant, moved, request)
+            low, high = (rest + edge for edge in _edges_of(other))
+            if low * high > 0.0 and (found is None or _misfit(other) < 0.5 * _misfit(found)):
+                raise _zero_is_off(experiments[0].signals["force"], rest, low, high)
 
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals."""
@@ -340,7 +347,7 @@ def _zero_is_off(force: Signal, rest: float, low: float, high: float) -> LogErro
         "is off, or a weight or a spring pulls.",
         expected=f"Both edges of the dead zone would be on one side of zero, at "
         f"{force.text(low, '.3g')} and {force.text(high, '.3g')}. Nothing was written.",
-        remedy="Read the force while nothing acts, and take it off the column.",
+        remedy="Read the force while nothing acts, and subtract it from the column.",
     )
 
 
