@@ -29,6 +29,7 @@ from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, StationaryPoint
 from .separable import Score, evaluate, score
+from .significance import CERTAIN, DECISIVE, SEEN
 from .whitening import Whitening, autoregression_from_rest, causal_filter
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
@@ -39,7 +40,6 @@ _ADDS_UP = 1e-3  # part of what noise does to the output that may depend on the 
 _FEW = 3  # of them that show whether it matters
 _ORDER = 8  # of the autoregression that noise of the input makes of the output
 _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
-_CONTRADICTS = 12.0  # difference of log-likelihoods; the filter is only nearly right
 _CLOSE = 0.03  # standard errors at which the iteration ends
 _STEPS = 10
 _MOVED = 1.0  # standard errors, after which the residual is whitened again
@@ -49,10 +49,8 @@ _COARSEST = 0.05  # of its range: steps of a measured signal that a converter ma
 _LEVELS = 3  # that no converter has
 _FOCUS = 128  # weights of the filter that leaves out frequencies of noise
 _NEIGHBOURS = 11  # frequencies that are taken together, at least
-_CHANCE = 4.0  # standard deviations by which their noise may be more than it is on the average
 _LEAST_PART = 0.01  # weight of a frequency that holds nothing but noise
 _WEAK = 0.02  # part of the information that has to be left without the noise
-_SURE = 3.0  # times its own uncertainty that this part has to be
 
 
 def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
@@ -197,11 +195,11 @@ class InputNoise:
         best = int(np.argmax(scores))
         claimed = float(np.interp(1.0, _RATIOS, scores))
         held = all(e.signals[self.role].hold == "zoh" for e in self.experiments)
-        if held and claimed - scores[0] < _CONTRADICTS:
+        if held and claimed - scores[0] < DECISIVE:
             return replace(self, sigma=0.0)  # a command is what it is unless the residual says no
-        if _RATIOS[best] >= 1.0 or scores[best] - claimed < _CONTRADICTS:
+        if _RATIOS[best] >= 1.0 or scores[best] - claimed < DECISIVE:
             return self
-        if scores[best] - scores[0] < _CONTRADICTS:
+        if scores[best] - scores[0] < DECISIVE:
             return replace(self, sigma=0.0)
         near = _RATIOS[scores > scores[best] - 0.5]
         ratio = float(_RATIOS[best])
@@ -222,7 +220,7 @@ def _clean_part(values: FloatArray, sigma: float) -> FloatArray:
     at = np.linspace(0.0, 1.0, _FOCUS + 1)
     power = np.interp(at, np.linspace(0.0, 1.0, power.size), power)
     # what chance gives to a frequency must not decide its weight: the score would be biased
-    noise = sigma**2 * (1.0 + _CHANCE / np.sqrt(width))
+    noise = sigma**2 * (1.0 + CERTAIN / np.sqrt(width))
     return np.maximum(1.0 - noise / np.maximum(power, 1e-300), _LEAST_PART)
 
 
@@ -472,6 +470,6 @@ def left_information(
     kept, axes = np.linalg.eigh(np.eye(d.size) - 0.5 * (inner + inner.T))
     along = np.einsum("ij,kil,lj->kj", axes, each, axes)  # share of the noise in every direction
     spread = np.hypot(along.std(axis=0, ddof=1), relative * along.mean(axis=0))
-    weak = bool(np.any(kept < np.maximum(_WEAK, _SURE * spread)))
+    weak = bool(np.any(kept < np.maximum(_WEAK, SEEN * spread)))
     clean = (axes * np.maximum(kept, _WEAK)) @ axes.T
     return root @ clean @ root.T * np.outer(d, d), weak

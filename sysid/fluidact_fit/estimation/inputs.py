@@ -19,6 +19,7 @@ from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
 from ..rows import middle_of
 from .noise import PER_MEDIAN, white_level
+from .significance import SEEN
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
@@ -28,7 +29,6 @@ _CLEARLY = 0.9  # of the squared errors of lines that those of cubics have to be
 # variances of a prediction from every second sample in which there is nothing but noise of 1
 _NOISE_OF_LINE, _NOISE_OF_CUBIC = 1.5, 1.755
 _SPREAD_OF_BOTH = 1.7  # of their difference over the root of n; simulated with a signal: 0.9
-_SURE = 3.0  # deviations of what noise does
 _NOISY = 0.1  # share of the power that noise may have
 
 
@@ -96,7 +96,7 @@ def is_smooth(signals: Sequence[Signal]) -> bool:
     known = _NOISE_OF_CUBIC - _CLEARLY * _NOISE_OF_LINE
     better = _CLEARLY * line - cubic + known * noise
     chance = np.hypot(_SPREAD_OF_BOTH * noise / np.sqrt(max(samples, 1)), known * doubt)
-    return bool(better > -_SURE * chance)
+    return bool(better > -SEEN * chance)
 
 
 def _prediction_errors(time: FloatArray, values: FloatArray) -> tuple[float, float]:

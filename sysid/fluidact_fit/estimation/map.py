@@ -31,6 +31,7 @@ from .minimise import Minimum, minimise
 from .motion_state import running_median
 from .noise import PER_MEDIAN
 from .price import exhausted, simulated
+from .robust_weights import SPIKE
 from .uncertainty import Uncertainty, covariance, enlarge
 
 AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
@@ -39,7 +40,6 @@ _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
 _BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
 _STRETCHES = 60  # of a sweep, whose samples are taken together
-_SPIKE = 10.0  # robust standard deviations by which a spike stands off its neighbours
 
 Index = npt.NDArray[np.intp]
 
@@ -268,7 +268,7 @@ def lone_samples(output: FloatArray, residual: FloatArray, settled: BoolArray) -
         return np.zeros(residual.size, dtype=bool)
     off = np.abs(residual - running_median(residual, 3))
     jump = np.abs(output - running_median(output, 3))
-    limit = max(_SPIKE * robust_deviation(off), 1e-6 * float(np.abs(output).max()))
+    limit = max(SPIKE * robust_deviation(off), 1e-6 * float(np.abs(output).max()))
     far = off > 3.0 * robust_deviation(residual)
     return np.asarray((np.minimum(off, jump) > limit) & far & settled)
 

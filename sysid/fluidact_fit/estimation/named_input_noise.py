@@ -12,9 +12,10 @@ from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..specification import NoiseLevel
 from .input_noise import Corrected, InputNoise, correct
-from .parametric import DECISIVE, Fitted, no_effect
+from .parametric import Fitted, no_effect
 from .problem import Problem
 from .results import Refusal, Solved, determine, left_open
+from .significance import DECISIVE
 from .whitening import Whitening
 
 BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]

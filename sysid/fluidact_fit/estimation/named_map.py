@@ -29,11 +29,11 @@ from .map import (
     find_uncertainty,
     fit_map,
 )
-from .parametric import DECISIVE, PROFILED
+from .parametric import PROFILED
 from .problem import STEP
 from .profile_likelihood import profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .rivals import OTHER
+from .significance import CERTAIN, DECISIVE
 from .solution import NoiseModel, Solution, make_solution
 from .uncertainty import information_units, reach, t_quantile
 
@@ -267,7 +267,7 @@ def _with_intervals(solved: Solved, found: MapFit, data: NamedRows, jacobian: Fl
     alike = [theta for theta, cost in found.others
              if cost - found.cost < DECISIVE * float(np.median(unit[usable]))]  # fmt: skip
     for change in (theta - found.theta for theta in alike):
-        if np.any(np.abs(change[usable]) > OTHER * np.sqrt(np.diag(matrix)[usable])):
+        if np.any(np.abs(change[usable]) > CERTAIN * np.sqrt(np.diag(matrix)[usable])):
             matrix = reach(matrix, change)
     quantile, intervals = t_quantile(0.975, solved.degrees), {}
     for k in np.flatnonzero(usable).tolist():

@@ -27,14 +27,13 @@ from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import Search, settled, solve, solve_from
+from .significance import DECIDED, DECISIVE
 from .uncertainty import Uncertainty, information_units, model_of_residuals, t_quantile
 
 PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-10  # damping of a search that begins near its end
-DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
-DECIDED = 10.0 * DECISIVE  # beyond all doubt
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,10 @@ from ..experiment import BoolArray, FloatArray
 from .least_squares import column_scales
 from .noise import PER_MEDIAN
 from .results import Solved
-from .robust_weights import HUBER
+from .robust_weights import HUBER, SPIKE
 from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fastest
 from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
 
-SPIKE = 8.0  # robust standard deviations beyond which a sample has no weight
 _BIASED = 0.03  # standard errors of bias by noise of a column, from which instruments are used
 _MOST = 0.3  # of what a column tells: more noise than that is not subtracted
 _WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise [4]_

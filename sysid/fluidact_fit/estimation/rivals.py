@@ -13,17 +13,17 @@ import numpy as np
 from ..experiment import FloatArray
 from ..units import after_number
 from .named_model import NamedModel, bind
-from .parametric import DECIDED, DECISIVE, Fitted, cost_units
+from .parametric import Fitted, cost_units
 from .problem import Problem, StationaryPoint
 from .response_model import ResponseTask, T
 from .results import undetermined_error
 from .separable import evaluate, profile
+from .significance import CERTAIN, DECIDED, DECISIVE
 from .starts import time_scales
 from .uncertainty import reach, t_quantile
 
 Correct = Callable[[Fitted], Fitted] | None
 
-OTHER = 4.0  # standard errors by which a value is another one
 _FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 _SIMILAR = 0.1  # of a value: two optima as near as that are one wide interval
 _BLOCKS = 30  # of consecutive samples, whose costs show how sure the difference of two fits is
@@ -51,7 +51,7 @@ def judge_rivals(
     problem = bind(model, task.unknowns, held)
     errors = np.array([fitted.std_error(n) for n in names])
     points = [problem.vector({**p, **held}) for p in places]
-    far = [eta for eta in points if np.any(np.abs(eta - best.eta) > OTHER * errors)]
+    far = [eta for eta in points if np.any(np.abs(eta - best.eta) > CERTAIN * errors)]
     if part is not None and far:
         some = bind(part.scaled(fitted.factors), task.unknowns, held)
         least, *others = profile(some, np.array([best.eta, *far]))
@@ -61,7 +61,7 @@ def judge_rivals(
         if cost - best.cost >= DECISIVE * unit or _is_surely_worse(problem, eta, best):
             continue
         change = eta - best.eta
-        apart = [k for k in range(len(names)) if abs(change[k]) > OTHER * errors[k]]
+        apart = [k for k in range(len(names)) if abs(change[k]) > CERTAIN * errors[k]]
         if not apart or _leads_to(end, fitted, correct, dict(zip(names, eta))):
             continue
         if all(abs(change[k]) <= _SIMILAR * abs(best.eta[k]) for k in apart):

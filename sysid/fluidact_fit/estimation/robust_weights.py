@@ -10,6 +10,7 @@ from ..experiment import FloatArray
 from .noise import PER_MEDIAN
 
 HUBER = 4.0  # robust standard deviations from which a residual counts less: normal ones are not
+SPIKE = 8.0  # robust standard deviations beyond which it counts for nothing: it is no noise
 _ROUNDS = 6  # of reweighting
 
 

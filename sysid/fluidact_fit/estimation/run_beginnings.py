@@ -21,6 +21,7 @@ from .parametric import Fitted
 from .problem import Basis
 from .response_model import Beginning, ResponseTask, T, are_short
 from .separable import solve, solve_from
+from .significance import CERTAIN
 from .starts import time_scales
 
 _RESTING = 8  # first samples of an input that is taken to have been at rest before
@@ -28,7 +29,6 @@ _FEW_STEPS = 2.0  # sample times of a dead time that leaves no more than as many
 _AT_REST = 0.1  # of the usual change of an input from one sample to the next
 _LONG_ENOUGH = 1000  # samples that show what is usual
 _LATER = 0.25  # of the longest log, the start of which a search leaves out
-_SURE = 4.0  # standard errors of a level at rest
 _EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without offset is sought
 
 
@@ -165,9 +165,9 @@ def examine_offset(
              for k in range(len(task.experiments))]  # fmt: skip
     now, error = _level(fitted.solution.residuals, quiet)
     then, its = _level(found.residuals, quiet)
-    if not moved or not np.isfinite(error) or abs(then) > max(_SURE * its, abs(now)):
+    if not moved or not np.isfinite(error) or abs(then) > max(CERTAIN * its, abs(now)):
         return begin, dict(fitted.values), []
-    better = abs(now) > _SURE * error and abs(then) < 0.5 * abs(now)
+    better = abs(now) > CERTAIN * error and abs(then) < 0.5 * abs(now)
     switched = task.request.options.offset is None and other.offset == "none" and better
     most = max(moved, key=lambda n: abs(values[n] - fitted.values[n]) / fitted.half_width(n))
     unit = after_number(fitted.specs[most].unit)

@@ -20,6 +20,7 @@ from ..options import choice
 from ..specification import ParameterSpec, Simulate, Structure, UnmodelledEffect
 from .price import simulated
 from .results import Refusal, Solved
+from .significance import CERTAIN
 
 STRIBECK = ("stribeck", "stribeck_speed")
 EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for another one
@@ -27,8 +28,6 @@ _ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
 _HELD = 0.01  # least share of the samples that a speed has
 _TESTED = 3  # clearly different speeds at which a rise shows
 _GRID = 16  # speeds at which the search begins
-_TOLD_APART = 16.0  # twice the logarithm of the likelihoods of two laws: four standard errors
-_SURE = 4.0  # standard errors of a level that is no chance, its speed chosen for it
 _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
 _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "
@@ -256,7 +255,7 @@ def shape_notice(search: Callable[[float], RiseSearch]) -> Iterator[Notice]:
         if level > 0.0:
             rivals.append((cost, f"that falls off from rest as {words}"))
     cost, words = min(rivals)
-    if (cost - best) * own.samples > _TOLD_APART * best:
+    if (cost - best) * own.samples > CERTAIN**2 * best:
         return
     share = 100.0 * abs(cost / max(best, np.finfo(float).tiny) - 1.0)
     fits = f"better ({share:.2g} % less" if cost < best else f"as well ({share:.2g} % more"
@@ -349,7 +348,7 @@ def _require_no_rise(found: Solved, reason: str) -> None:
     if "stribeck" not in found.names:
         return
     size = found.values["stribeck"] / max(found.std_error("stribeck"), np.finfo(float).tiny)
-    if not size > _SURE:
+    if not size > CERTAIN:
         return
     raise NotIdentifiedError(
         f"the data cannot determine friction with --stribeck. It rises towards rest ({size:.2g} "

@@ -20,6 +20,7 @@ from ...estimation.map import (
 )
 from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
 from ...estimation.noise import noise_floor
+from ...estimation.robust_weights import SPIKE
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
@@ -31,7 +32,6 @@ _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
 _DECAY = 1e-5  # weight decay
 _STRAIGHT = (0.03, 1.0)  # strength of chords along a length, of many lengths and of few
 _MOST_LENGTHS = 8  # with more of them the data say what is between
-_SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 _WORSE = 2.0  # held-out over training error from which it is said
 
 
@@ -222,7 +222,7 @@ def _compare(
         request.progress(f"validating {', '.join(rows.data.names)} with {units} hidden units")
         error = rows.held_out(units)
         held = np.isfinite(error)
-        limit = _SPIKE * robust_deviation(error[held])
+        limit = SPIKE * robust_deviation(error[held])
         scores.append(fold_squares(np.clip(error, -limit, limit), rows.folds))
         sizes = (len(rows.data.names), *units, 1)
         weights = sum(a * b for a, b in pairwise(sizes))
@@ -290,7 +290,7 @@ def rms(error: FloatArray) -> float:
 def _clipped_rms(error: FloatArray) -> float:
     """Root mean square with spikes cut off."""
     found = error[np.isfinite(error)]
-    limit = _SPIKE * robust_deviation(found)
+    limit = SPIKE * robust_deviation(found)
     return rms(np.clip(found, -limit, limit))
 
 

@@ -20,6 +20,7 @@ from ...estimation.response_model import (
 )
 from ...estimation.results import Refusal, Solved
 from ...estimation.separable import profile, solve
+from ...estimation.significance import DECISIVE
 from ...experiment import Experiment
 from ...options import choice
 from ...signals import rise_and_fall
@@ -28,8 +29,9 @@ from ...specification import Request
 SATURATION, OFFSET = "saturation_command", "command_offset"
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 _TRIFLE = 0.02  # of the motion in one direction: less of the other may be the zero of a sensor
-SIGNIFICANT = 12.0  # rise of the squared residuals, in variances, without a saturation
-_POSSIBLE = 3.0  # the same, from which a saturation cannot be ruled out
+_POSSIBLE = (
+    3.0  # rise of the squared residuals, in variances, from which a saturation cannot be ruled out
+)
 _MATTERS = 5.0  # that rise times the standard errors by which it would move a parameter
 _BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
 MIDDLES = (0.0, -0.15, 0.15, -0.3, 0.3, -0.5, 0.5)  # shares of it, about their middle
@@ -232,7 +234,7 @@ def fit_motor(
     if SATURATION in task.request.start:
         return found, {}
     bend, rise = _find_bend(task, found)
-    if rise > SIGNIFICANT:
+    if rise > DECISIVE:
         start = {n: bend[n] for n in task.plan.names}
         again = _saturated(replace(task, request=replace(task.request, start=start)))
         if again is not None:

@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import NotIdentifiedError, UsageError
 from ...estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ...estimation.named_model import Values
+from ...estimation.significance import DECISIVE
 from ...experiment import Array, Experiment, FloatArray
 from ...specification import Request, Variant
 from .equation import play, static_speed
@@ -22,7 +23,6 @@ from .fit import (
     MIDDLES,
     OFFSET,
     SATURATION,
-    SIGNIFICANT,
     MotorOptions,
     curve_axes,
     highest_command,
@@ -90,7 +90,7 @@ def fit_points(
     except NotIdentifiedError:
         return plain
     rise = bent.data.y.size * (plain.fit.cost / max(bent.fit.cost, 1e-300) - 1.0)
-    return bent if rise > SIGNIFICANT and is_reached(experiments, bent.solved) else plain
+    return bent if rise > DECISIVE and is_reached(experiments, bent.solved) else plain
 
 
 def _fit(
