@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from .alignment import Estimates, align
 from .assessment.policy import FIT_WEAK
 from .errors import LogError, MismatchError, Notice, NotIdentifiedError, UsageError, in_python
 from .experiment import Experiment
@@ -239,9 +240,10 @@ def check_logs(
     of both, with what the file does not know of the parameters held.
 
     It no longer ``fits`` when the file's own verdict is ``fail``, the rmse of a run is above
-    ``RMSE_FACTOR`` times the file's plus one resolution step of the output, and above what the
-    errors of the file's parameters explain, or a parameter moved by more than ``MOST_STD_ERRORS``
-    combined standard errors and by more than ``LEAST_RELATIVE``.
+    ``RMSE_FACTOR`` times that of the file, or of the noisiest of its logs, plus one resolution step
+    of the output, and above what the errors of the file's parameters explain, or a parameter moved
+    by more than ``MOST_STD_ERRORS`` combined standard errors and by more than ``LEAST_RELATIVE``.
+    Parameters that depend on what a log covered are compared over what is common.
 
     Raises
     ------
@@ -261,8 +263,12 @@ def check_logs(
         say("fitting again")
         try:
             refitted = _refit(document, logs, progress)
-            drifts = _compare(document, before, refitted)
+            (own, new), about = align(
+                get_family(document.family), [Estimates.of(document), refitted.found]
+            )
+            drifts = _compare(own, replace(refitted, found=new))
             notices += _partly_compared(refitted.held, logs)
+            notices += [Notice("compared-in-common", f"{about}.")] if about else []
         except NotIdentifiedError as error:
             text = " ".join(f"{error.what} {error.remedy}".split())
             message = f"only the simulation was compared, not the parameters: {text}"
@@ -284,7 +290,9 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
     """Compare one run over the samples that the model claims to describe."""
     found = simulation.agreement
     signal = simulation.experiment.signals[variant.output.name]
-    limit = RMSE_FACTOR * document.fit.rmse.value + signal.resolution
+    # the noisiest log that the file was fitted to is one of the machine
+    fitted = (log.rmse.value for log in document.fit.logs if log.rmse is not None)
+    limit = RMSE_FACTOR * max([document.fit.rmse.value, *fitted]) + signal.resolution
     return LogCheck(simulation.experiment.name, found.samples, found.rmse, limit, signal.unit,
                     found.fit_percent, found.rmse <= limit)  # fmt: skip
 
@@ -349,7 +357,7 @@ class _Refitted:
     ``slopes`` are the changes of the others per change of a held one.
     """
 
-    found: Mapping[str, Quantity]
+    found: Estimates
     held: tuple[str, ...] = ()
     slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -361,8 +369,10 @@ def _refit(
     before = document.quantities()
     numbers = _numbers({n: q for n, q in before.items() if q.status == "estimated"})
     held: dict[str, float] = {}
-    found = refit(document, logs, progress=progress)
-    while more := {n: v for n, v in numbers.items() if n not in held and _is_lost(found.get(n))}:
+    found = Estimates.of_fit(refit(document, logs, progress=progress))
+    while more := {
+        n: v for n, v in numbers.items() if n not in held and _is_lost(found.quantities.get(n))
+    }:
         held |= more
         found = _refit_with(document, logs, held, progress)
     slopes = {}
@@ -370,10 +380,10 @@ def _refit(
         step = _error_of(before[name]) or abs(value) * 1e-3
         if step > 0.0:
             changed = _refit_with(document, logs, {**held, name: value + step}, progress)
-            after = _numbers(changed)
+            after = _numbers(changed.quantities)
             slopes[name] = {
                 n: (after[n] - now) / step
-                for n, now in _numbers(found).items()
+                for n, now in _numbers(found.quantities).items()
                 if n in numbers and n not in held
             }
     return _Refitted(found, tuple(held), slopes)
@@ -384,10 +394,10 @@ def _refit_with(
     logs: Sequence[Log],
     held: Mapping[str, float],
     progress: Callable[[str], None] | None,
-) -> Mapping[str, Quantity]:
+) -> Estimates:
     """Fit with parameters held; some families cannot hold every one."""
     try:
-        return refit(document, logs, fixed=held, progress=progress)
+        return Estimates.of_fit(refit(document, logs, fixed=held, progress=progress))
     except UsageError as error:
         raise NotIdentifiedError(
             f"they cannot determine {', '.join(held)}, and there is no fit with these held as in "
@@ -421,13 +431,11 @@ def _partly_compared(held: Sequence[str], logs: Sequence[Log]) -> list[Notice]:
     ]
 
 
-def _compare(
-    document: ParameterDocument, before: Mapping[str, Quantity], refitted: _Refitted
-) -> tuple[Drift, ...]:
+def _compare(own: Estimates, refitted: _Refitted) -> tuple[Drift, ...]:
     """Compare all numbers, list entries too, that have a standard error on both sides."""
     drifts = []
-    for name, old in before.items():
-        new = refitted.found.get(name)
+    for name, old in own.quantities.items():
+        new = refitted.found.quantities.get(name)
         if new is None or old.status != "estimated" or new.status != "estimated":
             continue
         if name in refitted.held:
@@ -439,22 +447,19 @@ def _compare(
         labels = [name] if parts[0].size == 1 else [f"{name}[{i}]" for i in range(parts[0].size)]
         slopes = {held: own[name] for held, own in refitted.slopes.items() if own.get(name)}
         for label, a, b, error_a, error_b in zip(labels, *parts):
-            of_file = _combined(document, label, slopes) if slopes else error_a
+            of_file = _combined(own, label, slopes) if slopes else error_a
             if (error := math.hypot(of_file, error_b)) > 0.0:
                 drifts.append(_drift(label, old.unit, a, b, error, tuple(slopes)))
     return tuple(drifts)
 
 
-def _combined(document: ParameterDocument, name: str, slopes: Mapping[str, float]) -> float:
+def _combined(own: Estimates, name: str, slopes: Mapping[str, float]) -> float:
     """Standard error of what the file expects of a parameter with others held."""
     weights = {name: -1.0, **slopes}
-    given = document.covariance
-    order = [] if given is None else given.order
-    if given is None or not set(weights) <= set(order):
-        known = document.quantities()
-        return math.hypot(*(w * _error_of(known[n]) for n, w in weights.items()))
-    at = [order.index(n) for n in weights]
-    matrix = np.asarray(given.matrix, dtype=float)[np.ix_(at, at)]
+    if not set(weights) <= set(own.order):
+        return math.hypot(*(w * _error_of(own.quantities[n]) for n, w in weights.items()))
+    at = [own.order.index(n) for n in weights]
+    matrix = own.covariance[np.ix_(at, at)]
     w = np.array(list(weights.values()))
     return math.sqrt(max(float(w @ matrix @ w), 0.0))
 

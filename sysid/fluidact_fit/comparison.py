@@ -16,6 +16,7 @@ from __future__ import annotations
 import html
 import os
 from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot, isclose
@@ -25,14 +26,15 @@ from typing import Any, Unpack, cast
 
 import numpy as np
 
+from .alignment import Estimates, align
 from .errors import UsageError
 from .families import get_family
 from .files import shell_command
 from .logs import Log, LogLike, Reading, describe, open_logs
 from .logs.log import count_of
 from .options import describe as describe_options
-from .parameter_table import Entry, entries, recorded_units
-from .parameters.document import ParameterDocument
+from .parameter_table import Entry, entries_of, recorded_units
+from .parameters.document import LogSource, ParameterDocument
 from .presentation import ParametersLike, Presented, document_of
 from .tables import Table, format_estimate, format_number, probability_text
 from .units import after_number, display_unit
@@ -267,13 +269,18 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
                 f"{name} is a file of {_kind(document)}, {first_name} of {_kind(first)}.",
                 remedy="Compare files of one family.",
             )
-    tables = [_entries(document) for _, document in files]
+    each, about = align(get_family(first.family), [Estimates.of(document) for _, document in files])
+    tables = [{entry.name: entry for entry in entries_of(e.quantities)} for e in each]
     every = list(dict.fromkeys(n for table in tables for n in table))
     _require_one_unit([name for name, _ in files], tables)
     parameters = tuple(_beside(n, tables) for n in every)
-    together = tuple(_together(first, name, other) for name, other in files[1:])
+    together = tuple(
+        _together(each[0], other, name, _shared_logs(first, document))
+        for other, (name, document) in zip(each[1:], files[1:])
+    )
     names = tuple(n for n, _ in files)
-    options = tuple(_different_options(files))
+    options = tuple(f"{text[0].upper()}{text[1:]}." for text in [about] if text)
+    options += tuple(_different_options(files))
     return Comparison(first.family, names, parameters, together, recorded_units(first), options)
 
 
@@ -321,11 +328,6 @@ def _kind(document: ParameterDocument) -> str:
     return document.family if same else f"{document.family} ({document.variant})"
 
 
-def _entries(document: ParameterDocument) -> dict[str, Entry]:
-    """Every number of a file by its name, entries of lists as ``levels[2]``."""
-    return {entry.name: entry for entry in entries(document)}
-
-
 def _beside(name: str, tables: Sequence[Mapping[str, Entry]]) -> ParameterComparison:
     found = [table.get(name) for table in tables]
     first = found[0]
@@ -350,19 +352,15 @@ def _deviation(first: Entry | None, other: Entry | None) -> float | None:
     return (other.value - first.value) / error if error > 0.0 else None
 
 
-def _together(first: ParameterDocument, name: str, other: ParameterDocument) -> Together:
+def _together(first: Estimates, other: Estimates, name: str, shared: tuple[str, ...]) -> Together:
     from scipy.special import chdtrc
 
-    logs = {log.sha256: log.file for log in first.provenance.logs}
-    shared = tuple(logs[s.sha256] for s in other.provenance.logs if s.sha256 in logs)
-    one, two = (_estimates(d) for d in (first, other))
-    common = [n for n in one[0] if n in two[0]]
+    common = [n for n in first.order if n in other.order]
     if not common:
         return Together(name, 0.0, 0, 1.0, shared)
-    picked = [([order.index(n) for n in common], values, c) for order, values, c in (one, two)]
-    (at, before, own), (place, after, new) = picked
-    difference = after[place] - before[at]
-    spread = own[np.ix_(at, at)] + new[np.ix_(place, place)]
+    at, place = ([e.order.index(n) for n in common] for e in (first, other))
+    difference = other.vector()[place] - first.vector()[at]
+    spread = first.covariance[np.ix_(at, at)] + other.covariance[np.ix_(place, place)]
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     scaled = spread / np.outer(scale, scale)
     # what two numbers have in common is told once, whatever their units
@@ -373,13 +371,24 @@ def _together(first: ParameterDocument, name: str, other: ParameterDocument) -> 
     return Together(name, statistic, degrees, float(chdtrc(degrees, statistic)), shared)
 
 
-def _estimates(document: ParameterDocument) -> tuple[list[str], Any, Any]:
-    """Names of what has a covariance, their values and it."""
-    if document.covariance is None:
-        return [], np.zeros(0), np.zeros((0, 0))
-    table, order = _entries(document), list(document.covariance.order)
-    values = np.array([table[n].value for n in order])
-    return order, values, np.array(document.covariance.matrix, dtype=float)
+def _shared_logs(first: ParameterDocument, other: ParameterDocument) -> tuple[str, ...]:
+    """Logs of which both files were fitted to the same part, or to parts that overlap."""
+    known = defaultdict(list)
+    for source in first.provenance.logs:
+        known[source.sha256].append(source)
+    return tuple(dict.fromkeys(
+        one.file for two in other.provenance.logs for one in known[two.sha256]
+        if _windows_overlap(one, two)
+    ))  # fmt: skip
+
+
+def _windows_overlap(one: LogSource, two: LogSource) -> bool:
+    """Return whether two parts of a log have time in common [s]."""
+    starts, ends = zip(*(
+        [float(end) if end else np.inf * sign for end, sign in zip(window.split(":"), (-1, 1))]
+        for window in ((s.details or {}).get("window") or ":" for s in (one, two))
+    ))  # fmt: skip
+    return max(starts) < min(ends)
 
 
 @dataclass(frozen=True)

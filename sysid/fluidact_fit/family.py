@@ -8,7 +8,7 @@ generic tests) iterates over the registry and knows families only through the ty
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
@@ -274,6 +274,18 @@ class Family(ABC, Generic[OptionsT]):
             ``None`` where nothing is plausible: the design then leaves it out.
         """
         return None
+
+    def in_common(
+        self, values: Sequence[Mapping[str, Value]]
+    ) -> tuple[Sequence[Mapping[str, Value]], str]:
+        """Return parameters of several fits over what all of them cover, to compare them.
+
+        Returns
+        -------
+        The values by name, without those that have nothing in common, and a sentence on what is
+        common; empty where the parameters do not depend on what a log covered.
+        """
+        return values, ""
 
     def static_view(self, plant: Plant[OptionsT], runs: Runs) -> StaticView | None:
         """Return what a picture of a static map shows, ``None`` for a dynamic model.

@@ -21,7 +21,7 @@ from .estimation.inputs import settle_holds
 from .estimation.price import Price, counting
 from .experiment import Experiment
 from .families import get_family
-from .family import Family, FamilyOptions, ParameterDocument, Quantity, Request, Solution, Variant
+from .family import Family, FamilyOptions, ParameterDocument, Request, Solution, Variant
 from .logs import (
     Log,
     LogLike,
@@ -391,7 +391,7 @@ def refit(
     *,
     fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
-) -> Mapping[str, Quantity]:
+) -> Solution[Any]:
     """Fit the model of a parameter file to other logs, with everything settled as it was.
 
     Parameters
@@ -405,13 +405,12 @@ def refit(
 
     Returns
     -------
-    Mapping
-        The parameters by name.
+    Solution
 
     Raises
     ------
     NotIdentifiedError
-        When these logs cannot determine them.
+        When these logs cannot determine the parameters.
     """
     family = get_family(document.family)
     plant = document.plant(family)
@@ -425,7 +424,7 @@ def refit(
         progress=progress or (lambda message: None),
     )
     experiments, _ = _prepare(logs, plant.variant)
-    return _solve(family, plant.variant, experiments, request).parameters
+    return _solve(family, plant.variant, experiments, request)
 
 
 def _solve(

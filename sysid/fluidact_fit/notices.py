@@ -255,6 +255,11 @@ _JUDGEMENT = {
         "biases the parameters.",
         "Record with the controller off, with an added excitation, or with a cleaner sensor.",
     ),
+    "compared-in-common": _information(
+        "Parameters that depend on what a log covered were compared over what the logs of the file "
+        "and those that `check` was given have in common.",
+        "Nothing; logs over the same range compare all of it.",
+    ),
     "compared-in-part": _information(
         "The logs that `check` was given cannot determine a parameter of the file; it was held as "
         "in the file, and the others were compared with it.",

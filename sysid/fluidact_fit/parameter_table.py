@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from .parameters.document import Derived, Fit, LogFit, ParameterDocument
+from .specification import Quantity
 from .tables import (
     Table,
     format_interval,
@@ -65,9 +66,13 @@ def entries(
     most
         Lists of more entries, and tables, are one entry without a value.
     """
-    quantities: dict[str, Derived] = dict(document.parameters)
-    if derived:
-        quantities |= document.derived
+    yield from entries_of({**document.parameters, **(document.derived if derived else {})}, most)
+
+
+def entries_of(
+    quantities: Mapping[str, Derived | Quantity], most: int | None = None
+) -> Iterator[Entry]:
+    """Yield every number of some parameters; see :func:`entries`."""
     for name, q in quantities.items():
         value = np.array(q.value, dtype=float)
         status = q.status or "derived"

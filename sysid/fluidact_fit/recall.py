@@ -97,6 +97,7 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
     followed = {r: h for r, h in held.items() if r in {*fitting[best], *log.bindings}}
     known = replace(known, holds={**followed, **log.holds})
+    known = _recall_scales(known, candidates[best].columns)
     timed = "time" in {*candidates[best].columns, *log.bindings}
     if not timed and log.sample_time is None and candidates[best].sample_time:
         known = replace(known, sample_time=candidates[best].sample_time)
@@ -222,7 +223,7 @@ def _header_in(log: Log, header: str) -> str | None:
 
 def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
     bindings, units = dict(log.bindings), dict(log.units)
-    scales, steps = dict(log.scales), dict(log.steps)
+    steps = dict(log.steps)
     for role, entry in remembered.items():
         if role in log.steps or (role == "time" and log.sample_time is not None):
             continue
@@ -230,11 +231,38 @@ def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
             steps[role] = StepInput(entry.step.start, entry.step.end, entry.step.at)
         elif entry.header is not None:
             bindings[role] = _header_in(log, entry.header) or entry.header
-        if not entry.assumed:
+        if not entry.assumed and not _states_its_own_unit(log, bindings.get(role), entry):
             units.setdefault(role, entry.unit)
-        if entry.scale is not None:
-            scales.setdefault(role, entry.scale)
-    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps)
+    return replace(log, bindings=bindings, units=units, steps=steps)
+
+
+def _states_its_own_unit(log: Log, header: str | None, entry: Column) -> bool:
+    """Return whether another header than that of the file has a unit, which then holds."""
+    columns = matching(log, header) if header is not None else []
+    return any(c.unit is not None and c.label != entry.header for c in columns)
+
+
+def _recall_scales(log: Log, columns: Mapping[str, Column]) -> Log:
+    """Factors by which raw columns are multiplied: the sensor has them, whatever its header is.
+
+    ``UsageError`` where a factor may have been the conversion to SI, and a unit is stated now.
+    """
+    scales = dict(log.scales)
+    for role, entry in columns.items():
+        found = matching(log, log.bindings.get(role, role))
+        if entry.scale is None or role in {*scales, *log.steps} or not found:
+            continue
+        stated = log.units.get(role) or (found[0].label != entry.header and found[0].unit)
+        if entry.assumed and stated and abs(entry.scale) != 1.0:
+            raise UsageError(
+                f"'{role}' was multiplied by {entry.scale:g} in the logs of the parameter file, "
+                f"which state no unit, and is in {stated} here.",
+                where=log.name,
+                remedy=f"Give --scale {role}=1 if the factor made it {entry.unit}, and "
+                f"--scale {role}={entry.scale:g} if it is that of the sensor.",
+            )
+        scales[role] = entry.scale
+    return replace(log, scales=scales)
 
 
 def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -14,9 +14,17 @@ from ...estimation.recursion import clamped
 from ...experiment import FloatArray, all_of
 from ...family import Value
 from ...rows import blocks
-from .rational_bezier import blend, is_monotone, rational_bezier, rational_bezier_slope
+from .rational_bezier import (
+    blend,
+    elevate,
+    is_monotone,
+    rational_bezier,
+    rational_bezier_slope,
+    restrict,
+)
 
 SECOND = ("", "_falling")
+_CURVE = ("control_points", "weights")
 
 
 def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -> FloatArray:
@@ -42,6 +50,46 @@ def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -
     share *= 0.5
     share += 0.5
     return share
+
+
+def over_common_readings(
+    every: Sequence[Mapping[str, Value]],
+) -> tuple[list[dict[str, Value]], str]:
+    """Parameters of calibrations over the readings that all cover, at the highest of their degrees.
+
+    The curves stay the same: their numerators and denominators are elevated, and restricted.
+
+    Returns
+    -------
+    The parameters, without curves where no reading is common, and what was done; empty for nothing.
+    """
+    each = [Calibration.of(values) for values in every]
+    low, high = max(c.low for c in each), min(c.high for c in each)
+    degree = max(p.size for c in each for p, _ in c.curves)
+    if all((c.low, c.high, c.curves[0][0].size) == (low, high, degree) for c in each):
+        return [dict(values) for values in every], ""
+    out = []
+    for values, c in zip(every, each):
+        common = {n: v for n, v in values.items() if n.removesuffix("_falling") not in _CURVE}
+        for suffix, (p, w) in zip(SECOND, c.curves) if low < high else ():
+            ends = [(x - c.low) / (c.high - c.low) for x in (low, high)]
+            top, bottom = (_expressed(a, degree, ends) for a in (w * p, w))
+            common[f"control_points{suffix}"] = (top / bottom).tolist()
+            common[f"weights{suffix}"] = (bottom / bottom[0]).tolist()
+        out.append(common)
+    if low >= high:
+        return out, "no reading lies in the ranges of all: the curves cannot be compared"
+    return out, (
+        f"control points and weights are those over the readings that all cover, {low:.6g} to "
+        f"{high:.6g}, at degree {degree - 1}"
+    )
+
+
+def _expressed(points: FloatArray, size: int, ends: Sequence[float]) -> FloatArray:
+    """``size`` coefficients of a sum of Bernstein polynomials, over a part of its range."""
+    while points.size < size:
+        points = elevate(points)
+    return restrict(points, *ends)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -45,11 +45,12 @@ from ...family import (
     Solution,
     StaticView,
     Structure,
+    Value,
     Variant,
     make_solution,
 )
 from .block import PotentiometerBlock
-from .calibration import Calibration
+from .calibration import Calibration, over_common_readings
 from .data import between, check_both_directions, gather, prepare, scale_samples
 from .fit import find_dead_band, fit_curve, is_rising_or_falling
 from .options import PotentiometerOptions
@@ -205,6 +206,12 @@ class Potentiometer(Family[PotentiometerOptions]):
             if len(c.curves) == 1
             else None,
         )  # fmt: skip
+
+    def in_common(
+        self, values: Sequence[Mapping[str, Value]]
+    ) -> tuple[Sequence[Mapping[str, Value]], str]:
+        """Curves over the readings that all cover; see :meth:`Family.in_common`."""
+        return over_common_readings(values)
 
     def block(self, variant: Variant, document: ParameterDocument) -> PotentiometerBlock:
         """Return the calibration that a controller calls."""

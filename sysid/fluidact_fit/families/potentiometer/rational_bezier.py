@@ -119,6 +119,23 @@ def elevate(points: FloatArray) -> FloatArray:
     return np.asarray(share * np.append(0.0, points) + (1.0 - share) * np.append(points, 0.0))
 
 
+def restrict(points: FloatArray, low: float, high: float) -> FloatArray:
+    """Coefficients of the same ``sum_i c_i B_i(t)`` where ``t`` runs from ``low`` to ``high`` > 0.
+
+    By de Casteljau's subdivision at either end [1]_.
+    """
+    return _until(_until(points, high)[::-1], 1.0 - low / high)[::-1]
+
+
+def _until(points: FloatArray, end: float) -> FloatArray:
+    """Coefficients over the part from 0 to ``end``."""
+    out, left = [], points
+    while left.size:
+        out.append(left[0])
+        left = (1.0 - end) * left[:-1] + end * left[1:]
+    return np.array(out)
+
+
 def blend(values: Sequence[FloatArray], rising: npt.ArrayLike) -> FloatArray:
     """Blend a rising and a falling branch; a single one is returned as it is."""
     if len(values) == 1:
