@@ -108,6 +108,35 @@ def test_a_log_given_twice_is_refused() -> None:
         ff.fit("line", [one, two, dict(one)])
 
 
+def test_a_copy_in_other_digits_or_units_is_the_same_log() -> None:
+    """Exported once more in kPa with three decimals, errors were too small by the root of two."""
+    one = line_log(1)
+    printed = {n: np.array([float(f"{x:.7g}") for x in v]) for n, v in one.items()}
+    other = {n.replace("bar", "kPa"): np.round(100.0 * v, 3) for n, v in one.items()}
+    other["time [s]"] = one["time [s]"]
+    part = {n: v[200:] for n, v in other.items()}
+    for copy in (printed, other, part):
+        with pytest.raises(LogError, match="hold the same rows"):
+            ff.fit("line", [one, copy])
+        with pytest.raises(LogError, match="which are fitted"):
+            ff.fit("line", one, validate=[copy])
+
+
+def test_recordings_of_one_command_by_coarse_converters_are_no_copies() -> None:
+    """A valve steps through the same levels, its pressure in codes as large as the noise."""
+    logs = []
+    for seed in (1, 2):
+        rng, time = np.random.default_rng(seed), STEP * np.arange(600)
+        command = np.repeat([0.0, 2.0, 4.0, 1.0, 3.0, 0.0], 100)
+        lag = np.exp(-np.arange(600) * STEP / 0.1)
+        outlet = 1e5 * command
+        for decay in (lag[1], lag[2]):  # second order, held command
+            outlet = (1.0 - decay) * np.convolve(outlet, decay ** np.arange(600))[:600]
+        outlet = 2e3 * np.round((outlet + 1e3 * rng.standard_normal(600)) / 2e3)
+        logs.append({"time [s]": time, "command [V]": command, "outlet [Pa]": outlet})
+    ff.fit("valve", logs)
+
+
 def test_rows_that_are_fitted_do_not_validate(tmp_path: Path) -> None:
     log = line_log(1)
     path = tmp_path / "log.csv"

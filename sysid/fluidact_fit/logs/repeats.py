@@ -32,6 +32,8 @@ _BENT = 200  # that do not
 _EVEN = 0.4  # of their rows come in even steps; by chance a quarter
 _LINE = 20.0  # rows of a line; longer ones are of a motion
 _ROWS = 25  # that two records have in common only if one is a copy
+_HALF = 0.51  # steps by which a number is off when it is printed in fewer digits
+_SINGLE = 1e-6  # of its range, by which a channel is off in single precision
 _PROBES = 16  # places of a record that are looked for in another one
 _MOST = 40  # records that are compared with each other
 
@@ -233,16 +235,32 @@ def _channels(e: Experiment, variant: Variant) -> list[FloatArray]:
 
 
 def _overlap(one: Sequence[FloatArray], two: Sequence[FloatArray]) -> bool:
-    """Return whether some consecutive rows, each unlike the one before, stand in both."""
-    return len(one) == len(two) and any(
-        True for part in _probes(two) for _ in _places(one, [c[part] for c in two])
+    """Return whether some consecutive rows, each unlike the one before, stand in both.
+
+    To the last bit, or as far as one of them was rounded when it was written in other digits.
+    """
+    if len(one) != len(two):
+        return False
+    rounding = [_rounding(a, b) for a, b in zip(one, two, strict=True)]
+    return any(
+        True
+        for within in ([0.0] * len(one), rounding)
+        for part in _probes(two, within)
+        for _ in _places(one, [c[part] for c in two], within)
     )
+
+
+def _rounding(one: FloatArray, two: FloatArray) -> float:
+    """Distance of a reading from its copy in fewer digits: half a step of the coarser."""
+    step, span = max(smallest_step(one), smallest_step(two)), float(np.ptp(two))
+    return max(_HALF * step, _SINGLE * span)
 
 
 def _repeated_rows(channels: Sequence[FloatArray]) -> tuple[slice, int] | None:
     """Rows of a run that repeat earlier ones, and how many rows earlier those stand."""
-    for part in _probes(channels):
-        for other in _places(channels, [c[part] for c in channels]):
+    exactly = [0.0] * len(channels)
+    for part in _probes(channels, exactly):
+        for other in _places(channels, [c[part] for c in channels], exactly):
             first, apart = min(part.start, other), abs(part.start - other)
             if apart < _ROWS:
                 continue
@@ -253,20 +271,26 @@ def _repeated_rows(channels: Sequence[FloatArray]) -> tuple[slice, int] | None:
     return None
 
 
-def _probes(channels: Sequence[FloatArray]) -> Iterator[slice]:
-    """Some stretches of a run in which each row is unlike the one before."""
+def _probes(channels: Sequence[FloatArray], within: Sequence[float]) -> Iterator[slice]:
+    """Some stretches of a run in which each row is unlike the one before, by more than that."""
     for at in np.linspace(0, channels[0].size - _ROWS, _PROBES).astype(int).tolist():
         part = slice(at, at + _ROWS)
-        if np.any([np.diff(c[part]) != 0.0 for c in channels], axis=0).all():
+        moved = [np.abs(np.diff(c[part])) > w for c, w in zip(channels, within, strict=True)]
+        if np.any(moved, axis=0).all():
             yield part
 
 
-def _places(channels: Sequence[FloatArray], rows: Sequence[FloatArray]) -> Iterator[int]:
-    """First rows of all that a run holds of given rows."""
+def _places(
+    channels: Sequence[FloatArray], rows: Sequence[FloatArray], within: Sequence[float]
+) -> Iterator[int]:
+    """First rows of all that a run holds of given rows, ``within`` a distance in each channel."""
     last = channels[0].size - rows[0].size + 1
-    for k in np.flatnonzero(channels[0][:last] == rows[0][0])[:_MOST].tolist():
+    for k in np.flatnonzero(np.abs(channels[0][:last] - rows[0][0]) <= within[0])[:_MOST].tolist():
         at = slice(k, k + rows[0].size)
-        if all(np.array_equal(c[at], r) for c, r in zip(channels, rows, strict=True)):
+        if all(
+            bool((np.abs(c[at] - r) <= w).all())
+            for c, r, w in zip(channels, rows, within, strict=True)
+        ):
             yield k
 
 
