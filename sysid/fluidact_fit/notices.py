@@ -442,11 +442,6 @@ _FAMILIES = {
         "more than the noise of its position.",
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
     ),
-    "friction-at-low-speed": _warning(
-        "Logs slower than the dead band show a different friction from that of the fit.",
-        "Use the law only at the speeds of the fit; record slow motion with less noise and give "
-        "`--stribeck=estimate`.",
-    ),
     "friction-shape": _warning(
         "Another law of friction over speed, with as many unknowns, fits as well or better.",
         "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
@@ -475,8 +470,9 @@ _FAMILIES = {
         "holds in any case.",
     ),
     "logs-disagree": _warning(
-        "The logs do not share one friction.",
-        "Fit logs of different pressure or condition separately.",
+        "A log holds another friction than that of the fit.",
+        "Fit logs of different pressure or condition separately; of a log slower than the dead "
+        "band, record such speeds with less noise and give `--stribeck=estimate`.",
     ),
     "negative-friction": _warning(
         "A Coulomb level would be negative and was held at zero.",
@@ -518,10 +514,6 @@ _FAMILIES = {
         "Friction levels fitted from the command of a spring cylinder include the hysteresis of "
         "its valve.",
         "For the friction of the cylinder alone, record the pressure and fit with it.",
-    ),
-    "velocity-noise": _warning(
-        "Much of the variance of the velocity is noise; the bias of viscous friction was removed.",
-        "Give a longer `--filter`, or record a better velocity.",
     ),
     "weight-at-bound": _warning(
         "Weights of the curve are at their bound, so their intervals are meaningless.",

@@ -195,7 +195,7 @@ def test_logs_that_are_too_slow_are_named_with_what_they_hold(tmp_path: Path) ->
     assert "p0.1.csv" in said["log-unused"]
     assert "n0.1.csv" in said["log-unused"]
     assert "p18.csv" not in said["log-unused"]
-    assert "Friction falls with speed" in said["friction-at-low-speed"]
+    assert "too slow for the dead band" in said["logs-disagree"]
     (row,) = (r for r in found.document.fit.logs if r.file == "p0.1.csv")
     assert row.samples == 0
     assert row.fit_percent is None

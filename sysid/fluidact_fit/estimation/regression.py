@@ -1,11 +1,12 @@
 """Regression of a balance of measured quantities: one estimator for every family that has one.
 
-    Z' W (y - A x) + C x = 0
+    Z' W (y - A x) = 0
 
 The columns ``A`` multiply the unknowns, ``W`` are Huber's weights. A column that carries noise is
-weighed by an instrument ``Z`` made of other readings; what noise both have in common is ``C``
-[1]_. Without noise that matters ``Z`` is ``A`` and this is least squares. The Stribeck speed, in
-which no balance is linear, is solved for in steps. See ``docs/theory/regression.md``.
+weighed by an instrument ``Z`` made of other readings [1]_; where there is none, what the noise
+shifts is added to the errors. Without noise that matters ``Z`` is ``A`` and this is least squares.
+The Stribeck speed, in which no balance is linear, is solved for in steps. See
+``docs/theory/regression.md``.
 
 References
 ----------
@@ -21,13 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
-from .least_squares import column_scales
+from .least_squares import bounded_least_squares, column_scales
 from .noise import PER_MEDIAN
 from .results import Solved
 from .robust_weights import HUBER, SPIKE
@@ -35,7 +35,7 @@ from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fast
 from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
 
 _BIASED = 0.03  # standard errors of bias by noise of a column, from which instruments are used
-_MOST = 0.3  # of what a column tells: more noise than that is not subtracted
+_MOST = 0.3  # of what a column tells: with more noise than that nothing is known of its shift
 _WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise [4]_
 _SEARCHED = 4000  # samples on which the Stribeck speed is searched for
 _STEPS = 12  # from one Stribeck speed to the next
@@ -73,8 +73,6 @@ class Balance:
         What stands in for the columns that carry noise, ``(n,)`` each.
     noises
         For every noisy signal what one standard deviation of it adds to the columns, ``(n,)``.
-    shared
-        Those of ``noises`` that the instruments have in common with the columns.
     kernel
         Weights by which the target was smoothed; its noise is that of ``evidence``, over the
         samples that these reach.
@@ -92,7 +90,6 @@ class Balance:
     at: BoolArray
     instruments: Columns = field(default_factory=dict)
     noises: Sequence[Columns] = ()
-    shared: Sequence[Columns] = ()
     kernel: FloatArray = field(default_factory=lambda: np.ones(1))
     evidence: Sequence[Evidence] = ()
     reading: FloatArray | None = None
@@ -113,37 +110,26 @@ class Balance:
         return np.column_stack([np.convolve(c, self.kernel, "same") for c in full.T])[self.support]
 
 
-class RegressionModel(Protocol):
-    """A balance that is linear in its unknowns, but for the Stribeck speed."""
-
-    @property
-    def speed(self) -> FloatArray:
-        """Velocities of the samples that are fitted, of all runs, ``(n,)`` [m/s or rad/s]."""
-
-    @property
-    def least_speed(self) -> float:
-        """Speed below which there is only noise [m/s or rad/s]."""
-
-    @property
-    def least_residual(self) -> float:
-        """Standard deviation of the smallest error that the target can have [N or N m]."""
-
-    def balances(self, rise: Rise) -> Sequence[Balance]:
-        """Every run, linear about a Stribeck level and speed."""
-
-
 @dataclass(frozen=True)
-class LinearBalance:
-    """A :class:`RegressionModel` without a Stribeck term that is unknown."""
+class RegressionModel:
+    """A balance that is linear in its unknowns, but for the Stribeck speed.
 
-    runs: Sequence[Balance]
+    Attributes
+    ----------
+    balances
+        Gives every run, linear about a Stribeck level and speed.
+    speed
+        Velocities of the samples that are fitted, of all runs, ``(n,)`` [m/s or rad/s].
+    least_speed
+        Speed below which there is only noise [m/s or rad/s].
+    least_residual
+        Standard deviation of the smallest error that the target can have [N or N m].
+    """
+
+    balances: Callable[[Rise], Sequence[Balance]]
     speed: FloatArray = field(default_factory=lambda: np.zeros(0))
     least_speed: float = 0.0
     least_residual: float = 0.0
-
-    def balances(self, rise: Rise) -> Sequence[Balance]:
-        """Every run."""
-        return self.runs
 
 
 @dataclass(frozen=True)
@@ -276,7 +262,7 @@ class Estimator:
                 quiet = b.evidence[-1].columns if b.evidence and b.kernel.size == 1 else b.columns
                 tables.append(others._table(replace(b, columns=quiet)))
             a, y = (np.concatenate(parts)[::every] for parts in zip(*tables))
-            best = _solve(a, a, y, np.zeros((a.shape[1],) * 2), (self.model.least_residual, 0.0))
+            best = _solve(a, a, y, (self.model.least_residual, 0.0))
             level = {**self.held, **dict(zip(others.names, best.values.tolist()))}["stribeck"]
             return float(np.mean(np.abs(y - a @ best.values))) ** 2, level
 
@@ -287,14 +273,6 @@ class Estimator:
         """Say that another law of the rise fits better with as many unknowns, where one does."""
         if set(STRIBECK) <= set(self.names):
             yield from shape_notice(self.search)
-
-    def jacobian(self, rise: Rise) -> list[tuple[BoolArray, FloatArray]]:
-        """Derivative of the target before any filter, per run: which samples, and ``(m, p)``."""
-        runs = self.model.balances(rise)
-        z = [_stack(b, self.names, {**b.columns, **b.instruments}) for b in runs]
-        every = np.vstack(z)
-        found = _equivalent(runs, z, _invert(every.T @ every))
-        return [(b.support, j) for b, j in zip(runs, found)]
 
     def _table(self, balance: Balance | Evidence) -> tuple[FloatArray, FloatArray]:
         """Columns of the unknowns, ``(n, p)``, and the target less what is held, ``(n,)``."""
@@ -313,23 +291,24 @@ class Estimator:
         a, y = (np.concatenate(parts) for parts in zip(*tables))
         least = (self.model.least_residual, self.spike)
         start = np.array([rise.speed if n == "stribeck_speed" else 0.0 for n in self.names])
-        best = _solve(a, a, y, np.zeros((start.size, start.size)), least)
+        best = _solve(a, a, y, least)
         found = self._spread(runs, tables, best, a)
         errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-        added = self._products(runs, [b.noises for b in runs], best.weight)
+        added = self._noise_products(runs, best.weight)
         bias = best.inverse @ added @ best.values
         own = 1.0 / np.maximum(np.diag(best.inverse), 1e-300)
-        drowned = bool(np.any(np.diag(added) > _MOST * own))
-        instrumented = drowned or bool(np.any(np.abs(bias) > _BIASED * errors))
+        drowned = np.diag(added) > _MOST * own
+        noisy = bool(np.any(drowned | (np.abs(bias) > _BIASED * errors)))
+        instrumented = noisy and any(b.instruments for b in runs)
         if instrumented:
             z = np.concatenate(
                 [_stack(b, self.names, {**b.columns, **b.instruments}) for b in runs]
             )
-            common = self._products(runs, [b.shared for b in runs], best.weight)
-            best = _solve(a, z, y, common, least)
-            found = self._spread(runs, tables, best, z)
-            if any(b.instruments for b in runs):
-                found = _reaching(found, best, a, z, y)
+            best = _solve(a, z, y, least)
+            found = _reaching(self._spread(runs, tables, best, z), best, a, z, y)
+        elif noisy:
+            variances = np.where(drowned, np.inf, errors**2 + bias**2)
+            found = replace(found, covariance=enlarge(found.covariance, variances))
         values = dict(zip(self.names, (best.values + start).tolist()))
         solved = Solved(
             {**self.held, **values}, self.names, found.covariance, found.degrees,
@@ -343,16 +322,14 @@ class Estimator:
             instrumented, rise.speed,
         )  # fmt: skip
 
-    def _products(
-        self, runs: Sequence[Balance], noises: Sequence[Sequence[Columns]], weight: FloatArray
-    ) -> FloatArray:
+    def _noise_products(self, runs: Sequence[Balance], weight: FloatArray) -> FloatArray:
         """Sums of the products of what noise adds to the columns, shape ``(p, p)``."""
         p = len(self.names)
         total, first = np.zeros((p, p)), 0
-        for b, parts in zip(runs, noises):
+        for b in runs:
             own = weight[first : first + b.target.size]
             first += b.target.size
-            for part in parts:
+            for part in b.noises:
                 table = _stack(b, self.names, part)
                 total += (own[:, None] * table).T @ table
         return total
@@ -363,17 +340,7 @@ class Estimator:
         low, high = (np.array(e) - start for e in zip(*ends))
         if not np.any((x < low) | (x > high)):
             return x
-        from scipy.optimize import lsq_linear
-
-        scale = column_scales(a)
-        root = np.asarray(np.linalg.qr(a / scale, mode="r"))
-        y, low, high = root @ (scale * x), low * scale, high * scale
-        free = low < high
-        out = np.where(free, 0.0, low)
-        if free.any():
-            rest = y - root[:, ~free] @ out[~free]
-            out[free] = lsq_linear(root[:, free], rest, (low[free], high[free]), method="bvls").x
-        return np.asarray(out / scale)
+        return bounded_least_squares(a, a @ x, low, high)[0]
 
     def _spread(
         self,
@@ -434,25 +401,16 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return np.asarray(inverse / np.outer(scale, scale))
 
 
-def _solve(
-    a: FloatArray,
-    z: FloatArray,
-    y: FloatArray,
-    common: FloatArray,
-    least: tuple[float, float],
-) -> _Robust:
+def _solve(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]) -> _Robust:
     """Values by iterated reweighting [2]_; ``least`` are scale and limit of the residuals."""
-    own = 1.0 / np.maximum(np.diag(_invert(z.T @ z)), 1e-300)
-    share = float(np.max(np.diag(common) / np.maximum(_MOST * own, 1e-300), initial=1.0))
-    common = common / share  # where noise is most of a column no arithmetic helps: it is said
     weight, x, scale, limit = np.ones(y.size), np.zeros(a.shape[1]), 0.0, np.inf
     inverse = np.zeros((x.size, x.size))
     norm = column_scales(a)
     for _ in range(30):
         weighted = weight[:, None] * z
-        inverse = _invert(weighted.T @ a - common)
+        inverse = _invert(weighted.T @ a)
         now = inverse @ (weighted.T @ y)
-        now = now + inverse @ (weighted.T @ (y - a @ now) + common @ now)  # what rounding left
+        now = now + inverse @ (weighted.T @ (y - a @ now))  # what rounding left
         size = np.abs(y - a @ now)
         scale = max(PER_MEDIAN * float(np.median(size)), least[0])
         limit = max(SPIKE * scale, least[1])

@@ -159,6 +159,16 @@ class Rise:
         by_speed = share * (1.0 / v - v / q + 2.0 * v * velocity**2 / q**2)
         return share, by_speed, share * -2.0 * velocity / q
 
+    def columns(
+        self, sign: FloatArray, velocity: FloatArray, noise: float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """What multiplies the level, and a change of the speed, ``(n,)`` each; see :meth:`shares`.
+
+        ``sign`` is that of the motion.
+        """
+        share, by_speed, _ = self.shares(velocity, noise)
+        return sign * share, sign * self.level * by_speed
+
 
 def friction_columns(
     sign: FloatArray, velocity: FloatArray, rise: Sequence[FloatArray]
@@ -172,7 +182,8 @@ def friction_columns(
     velocity
         [m/s or rad/s]
     rise
-        What multiplies the Stribeck level and a change of the Stribeck speed; see :class:`Rise`.
+        What multiplies the Stribeck level and a change of the Stribeck speed; see
+        :meth:`Rise.columns`.
     """
     forward = np.where(sign > 0.0, velocity, 0.0)
     return {

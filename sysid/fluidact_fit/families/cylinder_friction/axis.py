@@ -53,11 +53,6 @@ def motion_role(variant: Variant) -> str:
     return variant.name.removesuffix(PRESSURES)
 
 
-def driven_by_pressure(variant: Variant) -> bool:
-    """Return whether the pressures stand in for a force."""
-    return variant.name.endswith(PRESSURES)
-
-
 def axis_of(variant: Variant) -> Axis:
     """The axis that a variant is about."""
     return ROTARY if motion_role(variant) in (ROTARY.speed, ROTARY.place) else LINEAR

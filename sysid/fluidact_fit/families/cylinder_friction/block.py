@@ -39,6 +39,12 @@ class FrictionBlock(Block):
     def _law(self) -> FrictionLaw:
         return FrictionLaw.of(self.numbers())
 
+    @property
+    def _parts(self) -> tuple[FrictionLaw, FrictionLaw]:
+        """The levels without viscous friction, and that alone."""
+        level = replace(self._law, viscous_positive=0.0, viscous_negative=0.0)
+        return level, FrictionLaw(0.0, 0.0, self._law.viscous_positive, self._law.viscous_negative)
+
     def __call__(self, velocity: npt.ArrayLike, width: float | None = None) -> FloatArray:
         """Return the friction, shape of ``velocity`` [N or N m]; ``velocity`` in m/s or rad/s."""
         self.watch(**{axis_of(self.variant).speed: velocity})
@@ -46,8 +52,7 @@ class FrictionBlock(Block):
         width = self.width if width is None else width
         if width <= 0.0:
             return self._law.moving(v)
-        level = replace(self._law, viscous_positive=0.0, viscous_negative=0.0).moving(v)
-        viscous = self._law.moving(v) - level
+        level, viscous = (law.moving(v) for law in self._parts)
         return np.asarray(np.abs(level) * np.tanh(v / width) + viscous)
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
@@ -59,9 +64,7 @@ class FrictionBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Friction in motion with its exact sign, and with a rounded one."""
-        law = self._law
-        unit = self.output.unit
-        axis = axis_of(self.variant)
+        unit, axis = self.output.unit, axis_of(self.variant)
         velocity = self.rate_argument(axis.speed, axis.place, "velocity")
         exact = Draft("friction", "Friction against the motion; 0 at rest.", unit)
         rounded = Draft(
@@ -75,12 +78,9 @@ class FrictionBlock(Block):
         )  # fmt: skip
         fading = rounded.let("fading", exp(abs(w) * steepness * -2.0))
         share = rounded.let("share", (1.0 - fading) / (1.0 + fading))
-        level = replace(law, viscous_positive=0.0, viscous_negative=0.0)
-        viscous = replace(
-            law, coulomb_positive=0.0, coulomb_negative=0.0, stribeck=0.0, stribeck_speed=0.0
-        )
+        level, viscous = self._parts
         return (
-            exact.returns(law.routine_value(v)),
+            exact.returns(self._law.routine_value(v)),
             rounded.returns(level.routine_value(w) * share + viscous.routine_value(w)),
         )
 
@@ -89,5 +89,4 @@ class FrictionBlock(Block):
         signals = {r: s for r, s in experiment.signals.items() if r != self.variant.output.name}
         options = self.document.settled_options(FrictionOptions)
         plant = Plant(self.variant, self.parameters, options)
-        (found,) = simulate_force(plant, [replace(experiment, signals=signals)], self.offset)
-        return found.output
+        return simulate_force(plant, [replace(experiment, signals=signals)], self.offset)[0].output

@@ -27,14 +27,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ...errors import Notice
 from ...estimation.named_model import check_request
-from ...estimation.regression import Estimator
-from ...estimation.stribeck import FRICTION_STRUCTURES, STRIBECK, Rise, rise_words, stribeck_specs
+from ...estimation.stribeck import (
+    FRICTION_STRUCTURES,
+    STRIBECK,
+    Rise,
+    friction_columns,
+    rise_words,
+    stribeck_specs,
+)
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
@@ -62,7 +68,6 @@ from .options import ONE_SIDED, SIDES, FrictionOptions
 from .remarks import fit_details, remarks
 from .samples import (
     LEVELS,
-    FrictionBalance,
     check_measured,
     count_kept,
     leave_out_accelerations,
@@ -72,54 +77,9 @@ from .samples import (
     simulate_force,
 )
 
-
-def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
-    """The friction of an axis."""
-    return (
-        ParameterSpec(
-            "viscous",
-            axis.viscous,
-            "viscous friction",
-            neutral=0.0,
-            minimum=0.0,
-            optional=True,
-            remedy="Add one stroke, or one log, at another speed in the same direction: "
-            f"{SECOND_SPEED:g} times faster or more.",
-        ),
-        *(
-            ParameterSpec(
-                f"viscous_{s}",
-                axis.viscous,
-                f"viscous friction, {s} direction",
-                neutral=0.0,
-                minimum=0.0,
-                optional=True,
-                general="viscous",
-                remedy=f"Record strokes in the {s} direction at two speeds, one of them "
-                f"{SECOND_SPEED:g} times the other or more.",
-            )
-            for s in SIDES
-        ),
-        *(
-            ParameterSpec(
-                f"coulomb_{s}",
-                axis.force_unit,
-                f"kinetic friction, {s} direction (magnitude)",
-                neutral=0.0,
-                minimum=0.0,
-                remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
-            )
-            for s in SIDES
-        ),
-        *stribeck_specs(axis.force_unit, axis.speed_unit),
-    )
-
-
-_OPPOSING = Role(
+_AREAS = "area * pressure - area_2 * pressure_2"
+_PRESSURE = Role(
     "pressure", "Pa", "pressure whose force is not friction", required=False, gauge=True
-)
-_DRIVING = Role(
-    "pressure", "Pa", "pressure that drives positive motion (with --area)", output=True, gauge=True
 )
 # with a hold, --step can stand for a pressure of which only the levels are known
 _OTHER = Role(
@@ -128,30 +88,46 @@ _OTHER = Role(
 )  # fmt: skip
 
 
+def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
+    """The friction of an axis."""
+    spec = partial(ParameterSpec, neutral=0.0, minimum=0.0)
+    sides = [(s, f", {s} direction") for s in SIDES]
+    return (
+        spec("viscous", axis.viscous, "viscous friction", optional=True,
+             remedy="Add one stroke, or one log, at another speed in the same direction: "
+             f"{SECOND_SPEED:g} times faster or more."),
+        *(
+            spec(f"viscous_{s}", axis.viscous, f"viscous friction{of}", optional=True,
+                 general="viscous", remedy=f"Record strokes in the {s} direction at two speeds, "
+                 f"one of them {SECOND_SPEED:g} times the other or more.")
+            for s, of in sides
+        ),
+        *(
+            spec(f"coulomb_{s}", axis.force_unit, f"kinetic friction{of} (magnitude)",
+                 remedy=f"Record at least one stroke in the {s} direction, at steady speed.")
+            for s, of in sides
+        ),
+        *stribeck_specs(axis.force_unit, axis.speed_unit),
+    )  # fmt: skip
+
+
 def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:
     """Speed or place as the motion, which the force, the torque or the pressures drive."""
-    time = Role("time", "s", "time of each sample", required=is_place(motion))
     unit = axis.place_unit if is_place(motion) else axis.speed_unit
-    moved = Role(motion, unit, f"{motion.replace('_', ' ')} of the {axis.body}")
-    parameters = _parameters(axis)
+    roles = [
+        Role("time", "s", "time of each sample", required=is_place(motion)),
+        Role(motion, unit, f"{motion.replace('_', ' ')} of the {axis.body}"),
+    ]
+    driven = f"{axis.drive} - ({_AREAS})" if axis is LINEAR else axis.drive
     if pressures:
-        roles = (time, moved, _DRIVING, _OTHER)
-        return Variant(
-            motion + PRESSURES, roles, parameters, equation=_equation(axis, driven=_AREAS)
-        )
-    drive = Role(
-        axis.drive,
-        axis.force_unit,
-        f"{axis.drive} that drives the motion, positive along positive {axis.speed_words}",
-        output=True,
-    )
-    chambers = (_OPPOSING, _OTHER) if axis is LINEAR else ()
-    driven = f"{axis.drive} - ({_AREAS})" if chambers else axis.drive
-    return Variant(motion, (time, drive, moved, *chambers), parameters,
-                   equation=_equation(axis, driven))  # fmt: skip
-
-
-_AREAS = "area * pressure - area_2 * pressure_2"
+        driven, motion = _AREAS, motion + PRESSURES
+        words = "pressure that drives positive motion (with --area)"
+        roles += [replace(_PRESSURE, description=words, required=True, output=True), _OTHER]
+    else:
+        words = f"{axis.drive} that drives the motion, positive along positive {axis.speed_words}"
+        roles.insert(1, Role(axis.drive, axis.force_unit, words, output=True))
+        roles += [_PRESSURE, _OTHER] if axis is LINEAR else []
+    return Variant(motion, tuple(roles), _parameters(axis), equation=_equation(axis, driven))
 
 
 def _equation(axis: Axis, driven: str) -> str:
@@ -160,11 +136,6 @@ def _equation(axis: Axis, driven: str) -> str:
         "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
         f"+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2), v the {axis.speed_words}"
     )
-
-
-def _unpressed(options: FrictionOptions) -> FrictionOptions:
-    """The same without pressures: what a motion tells of friction does not depend on them."""
-    return replace(options, area=None, area_2=None, pressures="resist")
 
 
 class CylinderFriction(Family[FrictionOptions]):
@@ -195,30 +166,23 @@ class CylinderFriction(Family[FrictionOptions]):
         """Fit levels and viscous friction; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options = prepare(variant, experiments, request.options)
-        every, moving = sum(d.kept.size for d in data), count_kept(data)
+        kept = [sum(d.kept.size for d in data), count_kept(data)]
         sides_moved(data)
         check_measured(data)
-        notices: list[Notice] = []
-        if options.moved is None and not options.is_settled:
-            data, options, notices = leave_out_accelerations(data, options)
-        quiet = count_kept(data)
-        if options.stribeck != "estimate" and not options.is_settled:
-            data, options = leave_out_turns(data, options)
-        smooth = count_kept(data)
+        data, options, notices = leave_out_accelerations(data, options)
+        kept.append(count_kept(data))
+        data, options = leave_out_turns(data, options)
+        kept.append(count_kept(data))
         fit = fit_friction(variant, data, replace(request, options=options))
         notices += [*fit.notices, *remarks(fit)]
-        counts = {
-            "slow_or_reversing": every - moving,
-            "accelerating": moving - quiet,
-            "turning": quiet - smooth,
-            "stroke_ends": smooth - count_kept(fit.data),
-        }
+        causes = ("slow_or_reversing", "accelerating", "turning")
+        left_out = {cause: a - b for cause, a, b in zip(causes, kept, kept[1:])}
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         noise = NoiseModel(matrix, fit.solved.independent)
         return make_solution(
             self.simulate, experiments, variant, fit.options, parameters, order, noise,
             derived=fit.derived(), notices=notices, covered=fit.covered,
-            details=fit_details(fit, counts),
+            details=fit_details(fit, left_out),
         )  # fmt: skip
 
     def simulate(
@@ -239,28 +203,25 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         moved = self.variant(motion_role(plant.variant))
         free = replace(
-            _unpressed(plant.options), acceleration_limit=None, turn_limit=None,
-            speeds_positive=None, speeds_negative=None, force_offset=None,
-        )  # fmt: skip
+            plant.options.unpressed, acceleration_limit=None, turn_limit=None, force_offset=None
+        )
         (d,), _ = prepare(moved, [experiment], free)
         slope = d.motion.acceleration
         if free.moved is None and slope is not None:
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
-        law = FrictionLaw.of(plant.numbers)
-        low = (law.stribeck, law.stribeck_speed)
-        names = (*free.rates, *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
-        rows = np.zeros((d.kept.size, len(names)))
-        if d.kept.any():
-            ((at, found),) = Estimator(FrictionBalance([d]), names).jacobian(Rise(*low))
-            rows[at] = found
-        return Information(names, rows, law.moving(d.motion.sharp))
+        law, v = FrictionLaw.of(plant.numbers), d.motion.sharp
+        rise, sign = Rise(law.stribeck, law.stribeck_speed), np.sign(v)
+        columns = friction_columns(sign, v, rise.columns(sign, v))
+        names = (*free.rates, *LEVELS, *(STRIBECK if min(rise.level, rise.speed) > 0.0 else ()))
+        rows = np.column_stack([d.kept * columns[n] for n in names])
+        return Information(names, rows, law.moving(v))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Strokes at constant speeds; see :meth:`Family.excitation`.
 
         Slow ones keep clear of the dead band by as much again, to allow for noise.
         """
-        options = _unpressed(document.settled_options(FrictionOptions))
+        options = document.settled_options(FrictionOptions).unpressed
         details = document.fit.details or {}
         speed = document.validity.get(axis_of(variant).speed)
         noise: Any = details.get("force_noise")

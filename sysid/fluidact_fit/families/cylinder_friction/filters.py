@@ -1,80 +1,53 @@
-"""Zero-phase filters of a record: local polynomials, sharpening, derivatives, sensor noise."""
+"""Zero-phase filters of a record: local polynomials, sharpening, derivatives."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...estimation.noise import noise_floor
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...signals import smooth
 
 DEGREE = 2
 
 
-def _local_polynomial(
-    time: FloatArray, values: FloatArray, step: float, half: int
-) -> tuple[FloatArray, BoolArray]:
-    """:func:`differentiate` on an uneven time base; a window that bridges a gap is not whole."""
-    n, width = values.size, 2 * half + 1
-    rows, inside = np.zeros((3, n)), np.zeros(n, dtype=bool)
-    if n < width:
-        return rows, inside
-    times = np.lib.stride_tricks.sliding_window_view(time, width)
-    windows = np.lib.stride_tricks.sliding_window_view(values, width)
-    for begin in range(0, times.shape[0], 4096):
-        part = slice(begin, min(begin + 4096, times.shape[0]))
-        at = slice(part.start + half, part.stop + half)
-        s = (times[part] - time[at, None]) / (half * step)
-        middle = values[at]
-        powers = np.stack([np.ones_like(s), s, s * s])
-        moments = np.einsum("ikj,lkj->kil", powers, powers)
-        right = np.einsum("ikj,kj->ki", powers, windows[part] - middle[:, None])
-        good = (s[:, -1] - s[:, 0] < 3.0) & (s[:, -1] > 0.5) & (s[:, 0] < -0.5)
-        moments[~good] = np.eye(3)
-        found = np.linalg.solve(moments, right[:, :, None])[:, :, 0]
-        rows[0, at] = found[:, 0] + middle
-        rows[1, at] = found[:, 1] / (half * step)
-        rows[2, at] = np.linalg.inv(moments)[:, 0, 0]
-        inside[at] = good
-    rows[:, :half], rows[:, n - half :] = rows[:, half, None], rows[:, n - half - 1, None]
-    return rows, inside
-
-
-def sensor_noise(experiment: Experiment, role: str) -> float:
-    """Noise that no motion explains: high differences, or the resolution if that is more.
-
-    A handful of exact levels, as in a table of plateaus, is not a resolution.
-    """
-    signal = experiment.signals[role]
-    values, resolution = signal.values, signal.resolution
-    if np.ptp(values) < 20.0 * resolution:
-        resolution = 0.0
-    time = None if experiment.uniform or not experiment.time.size else experiment.time
-    found = [noise_floor(values, k, time=time) for k in (3, 5) if values.size >= 4 * k]
-    return max(min(found, default=0.0), float(resolution / np.sqrt(12.0)))
-
-
 def differentiate(
     experiment: Experiment, values: FloatArray, half: int
-) -> tuple[FloatArray, BoolArray]:
-    """Local quadratics: value, slope and each sample's own share in its value, shape ``(3, n)``.
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Local quadratics: value and slope, shape ``(n,)`` each, and where the window is whole.
 
-    The mask says where the window of ``2 half + 1`` samples is whole.
+    It has ``2 half + 1`` samples, and does not bridge a gap. On an uneven time base values and
+    instants are both quadratics of the row, taken where the instant is that of the sample.
     """
-    if not experiment.uniform:
-        return _local_polynomial(experiment.time, values, experiment.sample_time, half)
     s = smooth(values, experiment.sample_time, half, DEGREE)
-    own = np.full(values.size, matched_kernel(half, 0)[half])
-    return np.stack([s.value, s.rate, own]), s.inside
+    if experiment.uniform:
+        return s.value, s.rate, s.inside
+    time = smooth(experiment.time, experiment.sample_time, half, DEGREE)
+    late = (experiment.time - time.value) / time.rate
+    value = s.value + late * (s.rate + 0.5 * late * s.curvature)
+    rate = (s.rate + late * s.curvature) / (time.rate + late * time.curvature)
+    inside, width = s.inside.copy(), 3.0 * half * experiment.sample_time
+    inside[half : inside.size - half] &= (
+        experiment.time[2 * half :] - experiment.time[: -2 * half] < width
+    )
+    return value, rate, inside
 
 
-def sharpened(kernel: FloatArray, taps: FloatArray) -> FloatArray:
-    """Taps of a filter and of :func:`sharpen` after it: ``3 - 3 K + K^2``."""
-    reach = kernel.size // 2
-    out = np.convolve(kernel, kernel)
-    out[reach:-reach] -= 3.0 * kernel
+def sharpener(kernel: FloatArray) -> FloatArray:
+    """Weights that restore what a filter ``K`` removed, but for the third power of its share.
+
+    Another pass removes what the first one did, to first order (Tukey's twicing):
+    ``3 - 3 K + K^2``.
+    """
+    reach, out = kernel.size // 2, np.convolve(kernel, kernel)
+    out[reach : out.size - reach] -= 3.0 * kernel
     out[2 * reach] += 3.0
-    return np.convolve(taps, out)
+    return out
+
+
+def filtered(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """A signal through symmetric weights, continued at both ends, shape ``(n,)``."""
+    reach = kernel.size // 2
+    return np.convolve(_pad(values, reach, reach), kernel, "valid")
 
 
 def _pad(values: FloatArray, before: int, after: int) -> FloatArray:
@@ -92,19 +65,6 @@ def fill(values: FloatArray, inside: BoolArray) -> FloatArray:
     return _pad(between, first, values.size - 1 - last)
 
 
-def sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Restore what a filter removed, but for the third power of its share.
-
-    Another pass removes what the first one did, to first order (Tukey's twicing).
-    """
-    reach = kernel.size // 2
-    out = lost = values
-    for _ in range(2):
-        lost = lost - np.convolve(_pad(lost, reach, reach), kernel, "valid")
-        out = out + lost
-    return out
-
-
 def matched_kernel(half_width: int, order: int) -> FloatArray:
     """Symmetric weights that smooth a signal as a local polynomial smooths its own one.
 
@@ -119,6 +79,12 @@ def matched_kernel(half_width: int, order: int) -> FloatArray:
         return np.asarray(taps)
     share = -np.cumsum(taps)[:-1]  # of the velocity in the interval after each sample
     return np.convolve(share, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
+
+
+def slope_taps(half: int) -> FloatArray:
+    """Weights of the slope of a parabola over ``2 half + 1`` samples [1/sample]."""
+    offsets = np.arange(-half, half + 1.0)
+    return offsets / float(offsets @ offsets)
 
 
 def central_difference(values: FloatArray, time: FloatArray) -> FloatArray:

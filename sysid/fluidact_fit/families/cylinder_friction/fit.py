@@ -21,15 +21,17 @@ from .options import ONE_SIDED, SIDES, FrictionOptions
 from .samples import (
     LEVELS,
     Data,
-    FrictionBalance,
-    at_speeds,
     both_ways,
+    friction_model,
     group_by_log,
     half_range,
+    offset_groups,
     sides_moved,
+    speeds,
 )
 
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
+Ranges = Mapping[str, tuple[float, float]]  # slowest and fastest speed by direction [m/s or rad/s]
 _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an offset
 
 
@@ -41,11 +43,11 @@ class Fit:
     offsets; ``ranges`` are the slowest and fastest speed by direction [m/s or rad/s].
     """
 
-    data: list[Data]
+    data: Sequence[Data]
     options: FrictionOptions
     found: Regression
     solved: Solved
-    ranges: Mapping[str, tuple[float, float]]
+    ranges: Ranges
     notices: list[Notice]
 
     @property
@@ -63,7 +65,7 @@ class Fit:
         """Range of the speed where it was computed from a place [m/s or rad/s]."""
         if self.axis.speed in self.data[0].experiment:
             return {}
-        v = np.concatenate([d.speed for d in self.data])
+        v = speeds(self.data)
         return {self.axis.speed: (float(v.min()), float(v.max()), self.axis.speed_unit)}
 
     def derived(self) -> dict[str, Quantity]:
@@ -82,51 +84,73 @@ class Fit:
         return self.solved.derive(units, function)
 
 
-def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOptions]) -> Fit:
+def fit_friction(variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]) -> Fit:
     """Fit, refuse what is not determined, and add an offset where one is needed.
 
     An error where the forces cannot be those of friction, or nothing is left to estimate.
     """
-    options, fixed, moved = request.options, request.fixed, sides_moved(data)
+    options, fixed, moved, axis = request.options, request.fixed, sides_moved(data), data[0].axis
     check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
     asked = options.offset == "estimate" or options.force_offset is True
     if not asked and not fixed:
         _check_signs(data, moved)
-    ranges, noise = _speed_ranges(data, moved), max(d.motion.noise for d in data)
-    specs = {p.name: _with_remedy(p, ranges, data[0].axis) for p in variant.parameters}
-    limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
-    refusals = [r for s in SIDES if s not in moved for r in _idle(s, options)]
+    ranges = _speed_ranges(data, moved)
+    specs = {p.name: p for p in variant.parameters}
     rising = free_names(options.stribeck == "estimate", fixed)
+    refusals = [r for s in SIDES if s not in moved for r in _idle(s, options, ranges, axis)]
     known = {*fixed, *(r.parameter for r in refusals)}
-    alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges), noise)]
-    axis = data[0].axis
-    refusals += [_too_alike(n, _describe_speeds(_of(n, ranges), axis) + ".") for n in alike]
-    if alike and _one_speed(ranges, noise):
-        refusals += [Refusal(n, _describe_speeds(ranges, axis) + ".") for n in rising]
-        if not options.is_settled:  # without the ends of the strokes, levels are of one speed
-            near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
-            data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
-            options = replace(
-                options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
+    alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges))]
+    refusals += [_too_alike(n, ranges, axis) for n in alike]
+    if alike and _one_speed(ranges):
+        refusals += [Refusal(n, f"{_describe_speeds(ranges, axis)}.") for n in rising]
+    limits = {n: request.bounds.get(n, (p.minimum, p.maximum)) for n, p in specs.items()}
+    low, high = zip(*(limits[n] for n in LEVELS))
+    limits[_MEAN] = (max(low), min(high))
+    model = friction_model(data)
+
+    def attempt(held: Mapping[str, float], *others: str) -> Regression:
+        names = [n for n in (*others, *options.rates, *rising) if n not in held]
+        if not names:
+            raise UsageError(
+                "nothing is left to estimate: every parameter is fixed or undetermined",
+                remedy="Leave out one --fix.",
             )
-    problem = _Problem(data, limits, options, asked, rising)
-    end = determine(
-        problem.solve,
-        lambda found: (
-            undetermined(
-                found.free,
-                FrictionBalance(data).speed,
-                # where the search ended: a step of a rise that is not determined may go anywhere
-                lambda held: problem.solve({**held, "stribeck_speed": found.speed}).free,
-                (axis.force_unit, axis.speed_unit),
-                deadband=options.deadband or 0.0,
+        return Estimator(model, names, held, limits).solve()
+
+    def apart() -> bool:
+        """Return whether an offset of one log, which the others may hide, needs offsets."""
+        logs = [d for d in group_by_log(data) if both_ways(d) and len(d) < len(data)]
+        return any(levels_impossible(Estimator(friction_model(d), LEVELS).solve()) for d in logs)
+
+    def solve(held: Mapping[str, float]) -> Regression:
+        """Solve with an offset where it is asked for, or a level would be negative."""
+        possible = not any(n in held for n in LEVELS) and options.offset != "none"
+        if asked and not possible:
+            kind = NotIdentifiedError if options.is_settled else UsageError
+            raise kind(
+                f"an offset of the {axis.drive} cannot be estimated here",
+                expected="This needs motion in both directions and free Coulomb levels.",
+                remedy="Leave --offset out, or record strokes in both directions.",
             )
-            or _undetermined(found.free, specs, data, ranges, noise)
-        ),
-        specs,
-        fixed=fixed,
-        refusals=refusals,
-    )
+        if not asked:
+            found = attempt(held, *LEVELS)
+            if not possible or options.is_settled or not (levels_impossible(found) or apart()):
+                return found
+        logs = offset_groups(data)
+        offsets = [f"offset[{d[0].experiment.log}]" for d in logs] if logs[1:] else ["offset"]
+        return attempt(held, _MEAN, *offsets)
+
+    def doubts(found: Regression) -> list[Refusal]:
+        return undetermined(
+            found.free,
+            model.speed,
+            # where the search ended: a step of a rise that is not determined may go anywhere
+            lambda held: solve({**held, "stribeck_speed": found.speed}).free,
+            (axis.force_unit, axis.speed_unit),
+            deadband=options.deadband or 0.0,
+        ) or _undetermined(found.free, specs, data, ranges)
+
+    end = determine(solve, doubts, specs, fixed=fixed, refusals=refusals)
     found, unknowns = end.solution, end.solution.free.names
     options = replace(options, force_offset=_MEAN in unknowns)
     written = [n for n in specs if n in LEVELS or n in found.values]
@@ -134,11 +158,17 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in unknowns}
-    notices = [*end.notices, *Estimator(FrictionBalance(data), unknowns, held).other_shape()]
+    notices = [*end.notices, *Estimator(model, unknowns, held).other_shape()]
     return Fit(data, options, found, solved.renamed(source), ranges, notices)
 
 
-def _of(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+def levels_impossible(found: Regression) -> bool:
+    """Return whether a level about zero is negative beyond its interval."""
+    free = found.free
+    return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
+
+
+def _of(name: str, ranges: Ranges) -> Ranges:
     """Speeds by direction of the motion that feels a viscous coefficient; empty: none moved."""
     return {s: r for s, r in ranges.items() if name in ("viscous", f"viscous_{s}")}
 
@@ -150,91 +180,76 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     negative beyond doubt.
     """
     names = [f"coulomb_{s}" for s in moved]
-    found = Estimator(FrictionBalance(data), names).solve().free
+    found = Estimator(friction_model(data), names).solve().free
     mean = sum(found.values.values()) / len(names)
     error = float(np.sqrt(max(float(found.covariance.sum()), 0.0))) / len(names)
     if mean + t_quantile(0.975, found.degrees) * error >= 0.0:
         return
-    one_sided, axis = len(names) == 1, data[0].axis
+    axis = data[0].axis
     remedy = f"Give --scale {axis.drive}=-1 if the sensor has the opposite sign."
-    if axis is LINEAR:
-        remedy += (
-            " If the pressures move the piston against the measured force, give --pressures=drive."
-            " If the force comes from one chamber's pressure, the other chamber is missing: give "
-            "both as --column pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, "
-            "without a force."
-        )
-    if not any(axis.drive in d.experiment for d in data):
+    if data[0].variant.output.name == "pressure":
         remedy = (
             "pressure has to be that of the chamber that pushes in the positive direction, and "
             "pressure_2 that of the other one, recorded or as levels (--step "
             "pressure_2=FROM:TO@T in Pa). Swap them with their areas, or give --scale "
             "position=-1 (or velocity=-1) if the sensor has the opposite sign."
         )
+    elif axis is LINEAR:
+        remedy += (
+            " If the pressures move the piston against the measured force, give --pressures=drive."
+            " If the force comes from one chamber's pressure, the other chamber is missing: give "
+            "both as --column pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, "
+            "without a force."
+        )
+    if len(names) == 1:
+        remedy += f" If a constant {axis.drive} is added to it, record strokes in both directions."
     raise LogError(
         f"friction would be negative ({mean:.4g} {axis.force_unit}): the {axis.drive} left after "
         f"{'pressure and ' * (axis is LINEAR)}inertia acts along the motion",
         where=", ".join(d.experiment.name for d in data),
         expected=f"The {axis.drive} is positive along positive velocity and drives the motion.",
-        remedy=remedy
-        + f" If a constant {axis.drive} is added to it, record strokes in both directions."
-        * one_sided,
+        remedy=remedy,
     )
 
 
-def _with_remedy(
-    spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]], axis: Axis
-) -> ParameterSpec:
-    """The specification with a remedy in numbers, from the speeds that the logs have."""
-    unit = axis.speed_unit
-    if spec.name in ("viscous", *ONE_SIDED):
-        wanted = " or ".join(
-            f"at {SECOND_SPEED * high:.2g} {unit} or faster, or {low / SECOND_SPEED:.2g} {unit} or "
-            f"slower, in the {s} direction"
-            for s, (low, high) in _of(spec.name, ranges).items()
-        )
-        if not wanted:
-            return spec
-        remedy = f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: {wanted}."
-        return replace(spec, remedy=remedy)
-    if spec.name not in LEVELS:
-        return spec
-    side = spec.name.removeprefix("coulomb_")
+def _idle(side: str, options: FrictionOptions, ranges: Ranges, axis: Axis) -> list[Refusal]:
+    """Refuse what belongs only to a direction without motion."""
     other = next(s for s in SIDES if s != side)
+    nothing = f"nothing moves in the {side} direction."
     remedy = f"Record at least one stroke in the {side} direction, at steady speed"
     if other in ranges:
         low, high = ranges[other]
-        remedy += f": at {low:.3g} to {high:.3g} {unit}, as in the {other} direction"
-    return replace(spec, remedy=remedy + ".")
-
-
-def _idle(side: str, options: FrictionOptions) -> list[Refusal]:
-    """Names that belong only to a direction without motion."""
-    other = next(s for s in SIDES if s != side)
-    nothing = f"nothing moves in the {side} direction."
+        remedy += f": at {low:.3g} to {high:.3g} {axis.speed_unit}, as in the {other} direction"
     level = Refusal(
         f"coulomb_{side}",
         f"{nothing} An offset of the drive, if there is one, counts as friction of the {other} "
         "direction until it does.",
+        remedy=f"{remedy}.",
     )
     return [level, *(Refusal(n, nothing) for n in options.rates if n == f"viscous_{side}")]
 
 
-def _too_alike(name: str, reason: str) -> Refusal:
-    """Viscous friction cannot be told at one speed."""
-    said = "The Coulomb levels include all friction at that speed."
-    if name in ONE_SIDED:
-        side = name.removeprefix("viscous_")
-        said = f"The Coulomb level of the {side} direction includes all friction at that speed."
-    return Refusal(name, f"{reason} {said}")
+def _too_alike(name: str, ranges: Ranges, axis: Axis, doubt: str = "") -> Refusal:
+    """Refuse viscous friction that the speeds there are cannot tell from the levels."""
+    own, unit, side = _of(name, ranges), axis.speed_unit, name.partition("_")[2]
+    levels = f"level of the {side} direction includes" if side else "levels include"
+    wanted = " or ".join(
+        f"at {SECOND_SPEED * high:.2g} {unit} or faster, or {low / SECOND_SPEED:.2g} {unit} or "
+        f"slower, in the {s} direction"
+        for s, (low, high) in own.items()
+    )
+    return Refusal(
+        name,
+        f"{doubt}{_describe_speeds(own, axis)}. The Coulomb {levels} all friction at that speed.",
+        remedy=f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: {wanted}.",
+    )
 
 
 def _undetermined(
     found: Solved,
     specs: Mapping[str, ParameterSpec],
     data: Sequence[Data],
-    ranges: Mapping[str, tuple[float, float]],
-    noise: float,
+    ranges: Ranges,
 ) -> list[Refusal]:
     """The viscous coefficient most in doubt, if it could be anything up to half of all friction.
 
@@ -242,120 +257,48 @@ def _undetermined(
     """
     sensible = {}
     for name in (n for n in ("viscous", *ONE_SIDED) if n in found.names):
-        span = max(_speed_span(low, high, noise) for low, high in _of(name, ranges).values())
+        span = max(high - low for low, high in _of(name, ranges).values())
         sensible[name] = 0.5 * half_range(data) / max(span, 1e-300)
-    for r in left_open(found, {n: specs[n] for n in sensible}, sensible):
-        seen = _describe_speeds(_of(r.parameter, ranges), data[0].axis)
-        return [_too_alike(r.parameter, f"{r.reason} Noise hides it: {seen}.")]
-    return []
+    return [
+        _too_alike(r.parameter, ranges, data[0].axis, f"{r.reason} Noise hides it: ")
+        for r in left_open(found, {n: specs[n] for n in sensible}, sensible)
+    ]
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """Parts of the problem that stay the same from attempt to attempt.
+def _speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Slowest and fastest speed of whole strokes by direction, over all logs.
 
-    ``asked``: an offset is required; ``rising``: Stribeck parameters to estimate.
+    Noise of the velocity, 2 x 1.282 standard deviations of it, is taken off the spread.
     """
-
-    data: list[Data]
-    limits: Mapping[str, tuple[float, float]]
-    options: FrictionOptions
-    asked: bool
-    rising: Sequence[str]
-
-    def solve(self, held: Mapping[str, float]) -> Regression:
-        """Solve with some parameters held, with an offset where a level would be negative."""
-        possible = not any(n in held for n in LEVELS) and self.options.offset != "none"
-        if self.asked and not possible:
-            kind = NotIdentifiedError if self.options.is_settled else UsageError
-            raise kind(
-                f"an offset of the {self.data[0].axis.drive} cannot be estimated here",
-                expected="This needs motion in both directions and free Coulomb levels.",
-                remedy="Leave --offset out, or record strokes in both directions.",
-            )
-        if self.asked:
-            return self._solve(held, [_MEAN, *self._offsets()])
-        found = self._solve(held, LEVELS)
-        if possible and not self.options.is_settled and self._needs_offset(found):
-            return self._solve(held, [_MEAN, *self._offsets()])
-        return found
-
-    def _needs_offset(self, found: Regression) -> bool:
-        """Return whether a level is impossible in all logs together, or in a single one.
-
-        Offsets that differ from log to log do not show in the common fit.
-        """
-        logs = group_by_log(self.data)
-        alone = (
-            Estimator(FrictionBalance(d), LEVELS).solve()
-            for d in logs
-            if len(logs) > 1 and both_ways(d)
-        )
-        return levels_impossible(found) or any(map(levels_impossible, alone))
-
-    def _offsets(self) -> list[str]:
-        """One offset per log where every log shows both directions, else one for all."""
-        logs = group_by_log(self.data)
-        if all(map(both_ways, logs)):
-            return [f"offset[{d[0].experiment.log}]" for d in logs]
-        return ["offset"]
-
-    def _solve(self, held: Mapping[str, float], levels: Sequence[str]) -> Regression:
-        names = [n for n in (*levels, *self.options.rates, *self.rising) if n not in held]
-        if not names:
-            raise UsageError(
-                "nothing is left to estimate: every parameter is fixed or undetermined",
-                remedy="Leave out one --fix.",
-            )
-        low, high = zip(*(self.limits[n] for n in LEVELS))
-        limits = {**self.limits, _MEAN: (max(low), min(high))}
-        return Estimator(FrictionBalance(self.data), names, held, limits).solve()
+    noise, out = max(d.motion.noise for d in data), {}
+    for s in moved:
+        found = [_speeds(np.abs(v)) for d in data if (v := d.speed[d.side(s)]).size >= 5]
+        if found:
+            low, high = min(low for low, _ in found), max(high for _, high in found)
+            span = float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
+            out[s] = 0.5 * (low + high - span), 0.5 * (low + high + span)
+    return out
 
 
-def levels_impossible(found: Regression) -> bool:
-    """Return whether a level about zero is negative beyond its interval."""
-    free = found.free
-    return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
-
-
-def _speeds(speed: FloatArray) -> tuple[float, float] | None:
+def _speeds(speed: FloatArray) -> tuple[float, float]:
     """Range of the speeds of whole strokes [m/s].
 
     Weighted by distance, the short slow tails about a reversal weigh little and a fast
     stroke as much as a slow one: the middle 80 % of the distance. Slow strokes that take a
     fifth of the time are not tails, however short they are.
     """
-    if speed.size < 5:
-        return None
-    v = np.sort(np.abs(speed))
+    v = np.sort(speed)
     share = np.cumsum(v)
     low, high = np.searchsorted(share, np.array([0.1, 0.9]) * share[-1])
-    low = min(int(low), v.size // 5)
-    return float(v[low]), float(v[min(int(high), v.size - 1)])
+    return float(v[min(low, v.size // 5)]), float(v[min(high, v.size - 1)])
 
 
-def _speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Slowest and fastest speed by direction, over all logs."""
-    out = {}
-    for s in moved:
-        found = [r for d in data if (r := _speeds(d.speed[d.side(s)])) is not None]
-        if found:
-            out[s] = min(r[0] for r in found), max(r[1] for r in found)
-    return out
-
-
-def _speed_span(low: float, high: float, noise: float) -> float:
-    """Spread of true speeds, the noise of the velocity (2 x 1.282 sd) subtracted [m/s]."""
-    return float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
-
-
-def _one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
+def _one_speed(ranges: Ranges) -> bool:
     """Return whether every direction has one speed only."""
-    spans = [(low + high, _speed_span(low, high, noise)) for low, high in ranges.values()]
-    return all(twice + span < SECOND_SPEED * (twice - span) for twice, span in spans)
+    return all(high < SECOND_SPEED * low for low, high in ranges.values())
 
 
-def _describe_speeds(ranges: Mapping[str, tuple[float, float]], axis: Axis) -> str:
+def _describe_speeds(ranges: Ranges, axis: Axis) -> str:
     """Say which speeds the logs have."""
     parts = [
         f"{low:.3g} and {high:.3g} {axis.speed_unit} ({s} direction)"

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import LogError, UsageError
+from ...estimation.noise import white_noise
 from ...experiment import BoolArray, Experiment, FloatArray
 from .axis import is_place
 from .filters import (
     central_difference,
     differentiate,
     fill,
+    filtered,
     matched_kernel,
-    sensor_noise,
-    sharpen,
-    sharpened,
+    sharpener,
+    slope_taps,
 )
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
@@ -82,83 +83,58 @@ class Motion:
         corner = np.pad(np.abs(np.diff(self.sharp, 2)), 1)[: self.sharp.size]
         return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
 
-    @property
-    def shared(self) -> float:
-        """Noise that ``velocity`` and ``regressor`` have in common [m/s]."""
-        return self.noise if self.velocity is self.regressor else 0.0
-
 
 def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
     """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s].
 
-    The slope of a position is regressor and instrument at once.
+    The slope of a position is regressor and instrument at once. Of a velocity the readings are the
+    regressor, and their neighbours the instrument. A step was not recorded, and is taken as it is.
     """
     y = experiment[role]
+    everywhere = np.ones(experiment.samples, dtype=bool)
     if y.size != experiment.samples:
-        return _stepped(experiment, role)
-    noise = sensor_noise(experiment, role)
+        if is_place(role):
+            raise UsageError(
+                f"steps of the {role} cannot be simulated: the velocity is infinite at a step and "
+                "zero at all other times, and friction follows the velocity",
+                where=experiment.name,
+                remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
+            )
+        v = experiment.sampled(role)
+        return Motion(v, v, v, everywhere, 0.0, 0.0, np.zeros(v.size), exact=True)
+    step = experiment.signals[role].resolution
+    if np.ptp(y) < 20.0 * step:
+        step = 0.0  # a handful of exact levels, as in a table of plateaus
+    noise = max(white_noise(y), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
-        return Motion(y, y, y, np.ones(y.size, dtype=bool), noise, noise)
+        return Motion(y, y, y, everywhere, noise, noise)
     least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
     samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
     half = max(least, min(samples, (y.size - 1) // 2))
-    rows, inside = differentiate(experiment, y, half)
+    value, rate, inside = differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
             f"no stretch of {2 * half + 1} samples without a gap is left to differentiate",
             where=experiment.name,
             remedy="Give a shorter --filter, or a longer log.",
         )
-    if not is_place(role):
-        return _smoothed_velocity(experiment, y, rows, inside, noise, half)
-    v, kernel = fill(rows[1], inside), matched_kernel(half, 1)
-    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
-    inside = far if far.any() else inside
-    offsets = np.arange(-half, half + 1.0)
-    taps = offsets / (float(offsets @ offsets) * experiment.sample_time)
-    quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, sharpened(kernel, taps)))
-    acceleration = central_difference(v, experiment.time)
-    return Motion(v, v, sharpen(v, kernel), inside, quiet, raw, acceleration, half, kernel)
-
-
-def _stepped(experiment: Experiment, role: str) -> Motion:
-    """Motion that was not recorded but given as a step, and is taken as it is.
-
-    A position is refused: where it steps, no velocity is known.
-    """
     if is_place(role):
-        raise UsageError(
-            f"steps of the {role} cannot be simulated: the velocity is infinite at a step and zero "
-            "at all other times, and friction follows the velocity",
-            where=experiment.name,
-            remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
-        )
-    v = experiment.sampled(role)
-    return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, 0.0, np.zeros(v.size), exact=True)
-
-
-def _smoothed_velocity(
-    experiment: Experiment,
-    measured: FloatArray,
-    rows: FloatArray,
-    inside: BoolArray,
-    noise: float,
-    half: int,
-) -> Motion:
-    """Motion from a velocity: the readings are the regressor, their neighbours the instrument."""
-    smoothed = fill(rows[0], inside)
-    own, share = np.where(inside, rows[2], 0.0), float(np.median(rows[2][inside]))
-    power = share  # of a least-squares fit's value: its own share
-    if experiment.uniform:
-        once = matched_kernel(half, 0)
-        smoothed = sharpen(smoothed, once)
-        kernel = sharpened(once, once)
-        share, power = float(kernel[kernel.size // 2]), float(kernel @ kernel)
-        own = np.full(measured.size, share)
-    others = np.where(inside, (smoothed - own * measured) / (1.0 - own), smoothed)
+        v, kernel = fill(rate, inside), matched_kernel(half, 1)
+        sharp = sharpener(kernel)
+        far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+        inside = far if far.any() else inside
+        taps = slope_taps(half) / experiment.sample_time
+        quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, np.convolve(taps, sharp)))
+        acceleration = central_difference(v, experiment.time)
+        return Motion(v, v, filtered(v, sharp), inside, quiet, raw, acceleration, half, kernel)
+    once = matched_kernel(half, 0)
+    sharp = sharpener(once)
+    smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
+    share, power = float(twice[twice.size // 2]), float(twice @ twice)
+    others = np.where(inside, (smoothed - share * y) / (1.0 - share), smoothed)
     quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
     acceleration = central_difference(smoothed, experiment.time)
-    return Motion(others, measured, smoothed, inside, quiet, noise, acceleration, half)
+    return Motion(others, y, smoothed, inside, quiet, noise, acceleration, half)
 
 
 def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> FloatArray | None:
@@ -173,18 +149,18 @@ def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> Flo
     if motion.acceleration is None or not motion.reach:
         return motion.acceleration
     half, step = motion.half, experiment.sample_time
-    noise = motion.noise * step * float(np.linalg.norm(np.arange(-half, half + 1)))
+    noise = motion.noise * step / float(np.linalg.norm(slope_taps(half)))
     before, best = motion.acceleration, central_difference(motion.sharp, experiment.time)
+    sharp = sharpener(motion.kernel)
     while 32 * half <= experiment.samples:
-        offsets = np.arange(-half, half + 1.0)
-        slope = np.convolve(offsets / (offsets @ offsets), np.array([-1, 8, 0, -8, 1]) / 12.0)
-        left = noise * float(np.linalg.norm(sharpened(matched_kernel(half, 1), slope))) / step**2
+        taps = np.convolve(slope_taps(half), np.array([-1, 8, 0, -8, 1]) / 12.0)
+        left = noise * float(np.linalg.norm(np.convolve(taps, sharp))) / step**2
         half *= 2
-        rows, inside = differentiate(experiment, experiment[role], half)
+        _, rate, inside = differentiate(experiment, experiment[role], half)
         if not inside.any():
             break
-        rate = sharpen(fill(rows[1], inside), matched_kernel(half, 1))
-        longer = central_difference(rate, experiment.time)
+        sharp = sharpener(matched_kernel(half, 1))
+        longer = central_difference(filtered(fill(rate, inside), sharp), experiment.time)
         if float(np.mean((longer - best)[inside & motion.inside] ** 2)) > _EXPLAINED * left**2:
             break
         before, best = best, longer
@@ -200,12 +176,11 @@ def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> Fl
     if not motion.reach:
         return force
     if experiment.uniform:
-        padded = np.pad(force, motion.reach, mode="edge")
-        return np.convolve(padded, motion.kernel, "valid")
+        return np.convolve(np.pad(force, motion.reach, mode="edge"), motion.kernel, "valid")
     from scipy.interpolate import CubicHermiteSpline
 
     cubics = CubicHermiteSpline(experiment.time, force, np.gradient(force, experiment.time))
-    return differentiate(experiment, cubics.antiderivative()(experiment.time), motion.half)[0][1]
+    return differentiate(experiment, cubics.antiderivative()(experiment.time), motion.half)[1]
 
 
 def _flattens(before: Motion, now: Motion) -> bool:

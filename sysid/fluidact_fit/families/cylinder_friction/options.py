@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from ...errors import NotIdentifiedError, UsageError
 from ...estimation.stribeck import stribeck_choice
 from ...experiment import Experiment
 from ...options import FamilyOptions, choice, number, settled
 from ...specification import Variant
-from .axis import LINEAR, ROTARY, axis_of, driven_by_pressure
+from .axis import ROTARY, axis_of
 
 SIDES = ("positive", "negative")
 ONE_SIDED = ("viscous_positive", "viscous_negative")
@@ -62,12 +63,6 @@ class FrictionOptions(FamilyOptions):
         "float", "second difference of the velocity above which it turns between readings",
         unit="m/s or rad/s",
     )  # fmt: skip
-    speeds_positive: tuple[float, float] | None = settled(
-        "range", "the only speeds described in the positive direction", unit="m/s or rad/s"
-    )
-    speeds_negative: tuple[float, float] | None = settled(
-        "range", "the only speeds described in the negative direction", unit="m/s or rad/s"
-    )
 
     @property
     def rates(self) -> tuple[str, ...]:
@@ -80,15 +75,14 @@ class FrictionOptions(FamilyOptions):
         return self.inertia if self.mass is None else self.mass
 
     @property
+    def unpressed(self) -> Self:
+        """The same without pressures: what a motion tells of friction does not depend on them."""
+        return replace(self, area=None, area_2=None, pressures="resist")
+
+    @property
     def is_settled(self) -> bool:
         """Return whether a fit has settled everything: nothing is left to choose."""
         return self.force_offset is not None
-
-    @property
-    def speeds(self) -> dict[str, tuple[float, float]]:
-        """The only speeds described, by direction; empty where all of them are."""
-        both = {"positive": self.speeds_positive, "negative": self.speeds_negative}
-        return {side: range_ for side, range_ in both.items() if range_ is not None}
 
 
 def check_options(
@@ -98,79 +92,54 @@ def check_options(
 
     The output may be missing: without a force the pressure is what the model gives.
     """
-    driven = driven_by_pressure(variant)
-    _check_axis(variant, options)
+    axis, driven = axis_of(variant), variant.output.name == "pressure"
+    foreign = ("mass", "area", "area_2") if axis is ROTARY else ("inertia",)
+    for name in (n for n in foreign if getattr(options, n) is not None):
+        raise UsageError(
+            f"--{name.replace('_', '-')} does not apply to the {axis.drive} of a {axis.body}",
+            remedy=f"Leave it out; what moves is given as --{axis.inertia} [{axis.inertia_unit}].",
+        )
     beside = not driven and any("pressure" in e for e in experiments)
     if options.pressures == "drive" and not (beside or options.is_settled):
         raise UsageError(
             "--pressures=drive is about logs of a force and of what the pressures do beside it.",
             remedy="Give --column force=HEADER and --column pressure=HEADER, or leave it out.",
         )
-    if driven:
-        _check_chambers(experiments)
-    chambers = (("pressure", options.area, "area"), ("pressure_2", options.area_2, "area-2"))
-    bare = {
-        role: f"--{name}=M2"
-        for role, area, name in chambers
-        if area is None and any(role in e for e in experiments)
-    }
-    if bare:
-        names = " and ".join(f"'{role}'" for role in bare)
-        raise UsageError(
-            f"{names} {'was' if len(bare) == 1 else 'were'} given without a piston area",
-            remedy=f"Give {' '.join(bare.values())} (bore 25 mm: --area=4.9087e-4; less the rod on "
-            "its side)" + ("." if driven else ", and --pressures=drive if they move the piston "
-            "against the measured force; or leave them out if that is all that moves it."),
-        )  # fmt: skip
-    for role, area, name in chambers:
+    for role, name in (("pressure", "area"), ("pressure_2", "area_2")):
+        option, area = f"--{name.replace('_', '-')}", getattr(options, name)
         without = [e.name for e in experiments if role not in e]
-        if area is None or not without or role == variant.output.name:
-            continue
-        if options.is_settled:
-            raise UsageError(
-                f"the fit subtracted the force of {role}, and {without[0]} has none",
-                remedy=f"Give --column {role}=HEADER or --input {role}=FROM:TO@T.",
+        if driven and without and role == "pressure_2":
+            raise NotIdentifiedError(
+                "there is no force, and the pressure of one chamber only: friction is the "
+                "difference of both chambers' forces",
+                where=without[0],
+                expected="Nothing was written.",
+                remedy="Give the other pressure as --column pressure_2=HEADER with --area-2=M2. If "
+                "it was recorded in a repeat of the same command, put both columns into one log, "
+                "or give its mean before and after a reversal at T seconds: --step "
+                "pressure_2=FROM:TO@T (Pa). For a chamber open to the air and gauge pressures: "
+                "--step pressure_2=0:0.",
             )
-        raise UsageError(
-            f"--{name} was given, but {without[0]} has no {role}",
-            remedy=f"Give --column {role}=HEADER, or leave --{name} out.",
-        )
+        if area is None and len(without) < len(experiments):
+            raise UsageError(
+                f"'{role}' was given without a piston area",
+                remedy=f"Give {option}=M2 (bore 25 mm: --area=4.9087e-4; less the rod on its side)"
+                + ("." if driven else ", and --pressures=drive if it moves the piston against the "
+                "measured force; or leave it out if it is all that moves the piston."),
+            )  # fmt: skip
+        if area is not None and without and role != variant.output.name:
+            raise UsageError(
+                f"{option} was given, but {without[0]} has no {role}",
+                remedy=f"Give --column {role}=HEADER (or --input {role}=FROM:TO@T, to simulate), "
+                f"or leave {option} out of the fit.",
+            )
     if driven and not options.area:
         raise UsageError("--area is zero", remedy="Give the piston area in m2.")
     untimed = [e.name for e in experiments if not e.time.size]
-    for name in ("mass", "inertia", "filter"):
-        value = getattr(options, name)
-        if value is not None and untimed and not options.is_settled:
+    for name in (n for n in ("mass", "inertia", "filter") if getattr(options, n) is not None):
+        if untimed and not options.is_settled:
             raise UsageError(
                 f"--{name} needs time, and {untimed[0]} has none",
                 remedy="Give --column time=HEADER or --sample-time SECONDS, "
                 f"or leave --{name} out.",
             )
-
-
-def _check_axis(variant: Variant, options: FrictionOptions) -> None:
-    """Refuse options that belong to the other kind of axis."""
-    axis = axis_of(variant)
-    other = ROTARY if axis is LINEAR else LINEAR
-    wrong = [other.inertia, *(["area", "area_2"] if axis is ROTARY else [])]
-    for name in (n for n in wrong if getattr(options, n) is not None):
-        raise UsageError(
-            f"--{name.replace('_', '-')} does not apply to the {axis.drive} of a {axis.body}",
-            remedy=f"Leave it out; what moves is given as --{axis.inertia} [{axis.inertia_unit}].",
-        )
-
-
-def _check_chambers(experiments: Sequence[Experiment]) -> None:
-    """Without a load cell, the pressures of both chambers have to be known."""
-    without = [e.name for e in experiments if "pressure_2" not in e]
-    if without:
-        raise NotIdentifiedError(
-            "there is no force, and the pressure of one chamber only: friction is the difference "
-            "of both chambers' forces",
-            where=without[0],
-            expected="Nothing was written.",
-            remedy="Give the other pressure as --column pressure_2=HEADER with --area-2=M2. If it "
-            "was recorded in a repeat of the same command, put both columns into one log, or give "
-            "its mean before and after a reversal at T seconds: --step pressure_2=FROM:TO@T (Pa). "
-            "For a chamber open to the air and gauge pressures: --step pressure_2=0:0.",
-        )

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.noise import common_step
-from ...estimation.regression import Balance, Estimator, Evidence, reached
+from ...estimation.regression import Balance, Estimator, Evidence, RegressionModel, reached
 from ...estimation.stribeck import Rise, friction_columns, with_speed
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from ...mechanics.friction_law import FrictionLaw
-from .axis import Axis, axis_of, driven_by_pressure, motion_role
+from .axis import Axis, axis_of, motion_role
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
-from .options import SIDES, FrictionOptions, check_options
+from .options import ONE_SIDED, SIDES, FrictionOptions, check_options
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
 MASS = "mass"  # what an unknown mass would add, estimated only to see what it takes
@@ -37,23 +36,34 @@ class Data:
 
     ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
-    ``(n,)`` [N]; ``reading`` is what was logged of the drive and ``resolution`` its step [N];
-    ``moving`` marks the samples outside the dead band, ``kept`` those that are fitted. The output
-    is the drive divided by ``scale``; ``driven`` says whether it was recorded.
+    ``(n,)`` [N]; ``moving`` marks the samples outside the dead band, ``kept`` those that are
+    fitted. The output is the drive divided by ``scale``.
     """
 
     experiment: Experiment
+    variant: Variant
     motion: Motion
     known: FloatArray
     friction: FloatArray
     matched: FloatArray
-    reading: FloatArray
-    resolution: float
     moving: BoolArray
     kept: BoolArray
     scale: float
-    driven: bool
-    axis: Axis
+
+    @property
+    def axis(self) -> Axis:
+        """Names and units of drive and motion."""
+        return axis_of(self.variant)
+
+    @property
+    def reading(self) -> FloatArray:
+        """What was logged of the drive, shape ``(n,)`` [N]."""
+        return self.scale * self.experiment.sampled(self.variant.output.name)
+
+    @property
+    def resolution(self) -> float:
+        """Step of what was logged of the drive [N]."""
+        return abs(self.scale) * self.experiment.signals[self.variant.output.name].resolution
 
     def say(self, force: float, form: str = ".3g") -> str:
         """A force or torque [SI] for a message, in the unit of the log where it has one."""
@@ -82,84 +92,52 @@ class Data:
 
     def balance(self, rise: Rise, step: float) -> Balance:
         """The run as a balance of forces about a Stribeck level and speed."""
-        m, kept = self.motion, self.kept
+        m, kept, sign = self.motion, self.kept, np.sign(self.motion.velocity)
         bare = m.sharp if m.reach else m.regressor
         noise = m.raw if rise.speed > 0.0 else 0.0
-
-        def rising(speed: FloatArray, noise: float = 0.0) -> list[FloatArray]:
-            share, by_speed, _ = rise.shares(speed, noise)
-            sign = np.sign(m.velocity)
-            return [sign * share, rise.level * sign * by_speed]
-
-        smoothed = [match_force(self.experiment, m, c) for c in rising(bare, noise)]
-        columns = self._columns(m.regressor, smoothed, kept)
-        own = m.regressor is not m.velocity  # an instrument other than the column itself
-        instruments = self._columns(m.velocity, rising(m.velocity), kept) if own else {}
-        felt = m.shared if m.reach else m.raw
-        by_velocity = np.sign(m.velocity) * rise.shares(bare, noise)[2]
-        adds: dict[str, FloatArray] = {
-            "viscous": np.full(int(kept.sum()), felt),
-            "stribeck": noise * by_velocity[kept],
-        }
-        adds |= {f"viscous_{s}": np.where(self.side(s), felt, 0.0) for s in SIDES}
-        shared = () if own or m.exact else (adds,)
+        rising = rise.columns(sign, bare, noise)
+        matched = [match_force(self.experiment, m, c) for c in rising]
+        columns, target = self._columns(m.regressor, matched, kept), self.matched[kept]
+        # what one standard deviation of the motion's noise adds
+        felt = np.full(target.size, m.noise if m.reach else m.raw)
+        steep = noise * sign * rise.shares(bare, noise)[2]
+        adds = friction_columns(sign[kept], felt, (steep[kept],))
+        adds = {n: adds[n] for n in ("viscous", *ONE_SIDED, "stribeck")}
+        instruments: dict[str, FloatArray] = {}
         evidence: list[Evidence] = []
         if m.reach:
             at = reached(kept, m.kernel.size)
-            plain = self._columns(bare, rising(bare, noise), at)
-            evidence = [Evidence(plain, self.friction[at])]
-        elif own:
-            quiet = self._columns(m.sharp, rising(m.sharp), kept)
-            evidence = [Evidence(columns, self.matched[kept]), Evidence(quiet, self.matched[kept])]
+            evidence = [Evidence(self._columns(bare, rising, at), self.friction[at])]
+        elif m.regressor is not m.velocity:  # an instrument other than the column itself
+            instruments = self._columns(m.velocity, rise.columns(sign, m.velocity), kept)
+            quiet = self._columns(m.sharp, rise.columns(sign, m.sharp), kept)
+            evidence = [Evidence(columns, target), Evidence(quiet, target)]
         return Balance(
-            columns, self.matched[kept], kept, instruments, (adds,), shared,
-            m.kernel, evidence, self.reading, step,
+            columns, target, kept, instruments, (adds,), m.kernel, evidence, self.reading, step,
             self.experiment.time.size > 0,
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class FrictionBalance:
-    """Balance of the forces in motion over all runs."""
-
-    data: Sequence[Data]
-
-    @cached_property
-    def speed(self) -> FloatArray:
-        """Velocities of the fitted samples [m/s or rad/s]."""
-        return np.concatenate([d.speed for d in self.data])
-
-    @property
-    def least_speed(self) -> float:
-        """Speed below which there is only noise: the dead band has cut it away."""
-        return 0.0
-
-    @property
-    def least_residual(self) -> float:
-        """Error that the converter of the drive makes [N or N m]."""
-        return float(max(d.resolution for d in self.data) / np.sqrt(12.0))
-
-    @cached_property
-    def _step(self) -> float:
-        """Step of what logged the drive [N]; 0 where there was none, or nothing shows it."""
-        step = max(d.resolution for d in self.data)
-        if step > 0.0 or not all(d.driven for d in self.data):
-            return step
-        return common_step(np.unique(np.concatenate([d.reading for d in self.data])))
-
-    def balances(self, rise: Rise) -> list[Balance]:
-        """Every run about a Stribeck level and speed."""
-        return [d.balance(rise, self._step) for d in self.data]
+def friction_model(data: Sequence[Data]) -> RegressionModel:
+    """Balance of the forces in motion over all runs; what is slow the dead band has cut away."""
+    step = known = max(d.resolution for d in data)
+    if not known:  # every log may keep a reading of its own
+        step = common_step(np.unique(np.concatenate([d.reading for d in data])))
+    return RegressionModel(
+        lambda rise: [d.balance(rise, step) for d in data],
+        speeds(data),
+        least_residual=float(known / np.sqrt(12.0)),
+    )
 
 
-def count_kept(data: Sequence[Data]) -> int:
-    """Number of samples to fit."""
-    return sum(int(d.kept.sum()) for d in data)
+def speeds(data: Sequence[Data]) -> FloatArray:
+    """Velocities of the samples to fit, of all runs [m/s or rad/s]."""
+    return np.concatenate([d.speed for d in data])
 
 
-def count_sides(data: Sequence[Data]) -> dict[str, int]:
-    """Number of samples to fit by direction."""
-    return {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
+def count_kept(data: Sequence[Data], side: str = "") -> int:
+    """Number of samples to fit, of one direction or of both."""
+    return sum(int((d.side(side) if side else d.kept).sum()) for d in data)
 
 
 def _choose_deadband(motions: Sequence[Motion], rises: bool) -> float:
@@ -194,52 +172,22 @@ def _moving(motion: Motion, deadband: float) -> BoolArray:
     idle, kept = (np.abs(v) <= deadband) | beside, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
-        reach = motion.reach
-        if not _passes(v, begin, end):
-            reach = max(reach, motion.half)
+        reach = motion.reach if _passes(v, begin, end) else max(motion.reach, motion.half)
         kept[max(begin - reach, 0) : end + reach] = False
     return kept
 
 
 def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
-    """True if samples ``begin`` to ``end`` are on the way from one direction to the other."""
-    if begin < 1 or end + 1 > velocity.size:
-        return False
-    before, after = float(velocity[begin - 1]), float(velocity[end])
-    if before * after >= 0.0:
-        return False
-    # as many samples as a straight line through the neighbours of the dead band would need
-    run = end - begin
-    slope = abs(after - before) / (run + 1)
-    entry = abs(before - velocity[max(begin - 2, 0)])
-    leave = abs(velocity[min(end + 1, velocity.size - 1)] - after)
-    return bool(run <= 1 or _LINGER * slope >= 0.5 * (entry + leave))
+    """True if samples ``begin`` to ``end`` are on the way from one direction to the other.
 
-
-def _drive(
-    variant: Variant, experiment: Experiment, options: FrictionOptions
-) -> tuple[FloatArray | None, FloatArray]:
-    """Return the drive, ``None`` if it was not recorded, and the opposing pressure force [N].
-
-    Where the pressures move the piston against a measured load, both with the other sign.
+    They are as many as a straight line through the neighbours of the dead band would need.
     """
-    first, second = (
-        np.zeros(experiment.samples)
-        if area is None or role not in experiment
-        else area * experiment.sampled(role)
-        for role, area in (("pressure", options.area), ("pressure_2", options.area_2))
-    )
-    recorded = variant.output.name in experiment
-    if driven_by_pressure(variant):
-        return first if recorded else None, second
-    sign = _sign(options)
-    drive = sign * experiment.sampled(variant.output.name) if recorded else None
-    return drive, sign * (first - second)
-
-
-def _sign(options: FrictionOptions) -> float:
-    """Sign of a measured force that drives the motion, or is that of a load."""
-    return -1.0 if options.pressures == "drive" else 1.0
+    if begin < 1 or end + 1 > velocity.size or velocity[begin - 1] * velocity[end] >= 0.0:
+        return False
+    near = velocity[[max(begin - 2, 0), begin - 1, end, min(end + 1, velocity.size - 1)]]
+    entry, across, leave = np.abs(np.diff(near)).tolist()
+    run = end - begin
+    return bool(run <= 1 or _LINGER * across / (run + 1) >= 0.5 * (entry + leave))
 
 
 def prepare(
@@ -252,43 +200,53 @@ def prepare(
     if deadband is None:
         deadband = _choose_deadband(motions, options.stribeck == "estimate")
     options = replace(options, filter=half_width, deadband=deadband)
-    scale = float(options.area or 1.0) if driven_by_pressure(variant) else _sign(options)
-    out = []
-    for e, motion in zip(experiments, motions):
-        drive, pressure = _drive(variant, e, options)
-        inertia = np.zeros(motion.velocity.size)
-        rest = np.zeros(inertia.size) if drive is None else drive - pressure
-        acceleration = motion.acceleration
-        if options.moved and acceleration is not None:
-            acceleration = quiet_acceleration(e, motion, motion_role(variant))
-            inertia = options.moved * np.asarray(acceleration)
-        if acceleration is motion.acceleration:  # filtered as the regressor is
-            matched = match_force(e, motion, rest) - inertia
-        else:
-            matched = match_force(e, motion, rest - inertia)
-        slow = 0.0 if motion.exact else deadband
-        moving = np.abs(motion.velocity) > slow
-        kept = _moving(motion, slow) & described(motion, options)
-        driven = drive is not None
-        resolution = abs(scale) * e.signals[variant.output.name].resolution if driven else 0.0
-        reading = rest if drive is None else drive
-        out.append(
-            Data(e, motion, pressure + inertia, rest - inertia, matched, reading, resolution,
-                 moving, kept, scale, driven, axis_of(variant))
-        )  # fmt: skip
-    return out, options
+    return [_prepare(variant, e, m, options) for e, m in zip(experiments, motions)], options
+
+
+def _prepare(variant: Variant, e: Experiment, motion: Motion, options: FrictionOptions) -> Data:
+    """Split what drives a run; where pressures move a measured load, with the other sign."""
+    sign = -1.0 if options.pressures == "drive" else 1.0
+    first, second = (
+        area * e.sampled(role) if area is not None and role in e else np.zeros(e.samples)
+        for role, area in (("pressure", options.area), ("pressure_2", options.area_2))
+    )
+    output = variant.output.name
+    if output == "pressure":
+        scale, drive, known = float(options.area or 1.0), first, second
+    else:
+        scale, known = sign, sign * (first - second)
+        drive = sign * e.sampled(output) if output in e else known
+    rest = drive - known if output in e else np.zeros(e.samples)
+    acceleration = motion.acceleration
+    inertia = np.zeros(e.samples)
+    if options.moved and acceleration is not None:
+        acceleration = quiet_acceleration(e, motion, motion_role(variant))
+        inertia = options.moved * np.asarray(acceleration)
+    if acceleration is motion.acceleration:  # filtered as the regressor is
+        matched = match_force(e, motion, rest) - inertia
+    else:
+        matched = match_force(e, motion, rest - inertia)
+    slow = 0.0 if motion.exact else options.deadband or 0.0
+    moving = np.abs(motion.velocity) > slow
+    kept = _moving(motion, slow) & described(motion, options)
+    return Data(e, variant, motion, known + inertia, rest - inertia, matched, moving, kept, scale)
 
 
 def described(motion: Motion, options: FrictionOptions) -> BoolArray:
-    """Samples within accelerations, turns and speeds that a fit has settled, shape ``(n,)``."""
-    near = at_speeds(motion, options.speeds)
+    """Samples within the accelerations and turns that a fit has settled, shape ``(n,)``."""
+    v, acceleration = motion.velocity, motion.acceleration
+    near = np.ones(v.size, dtype=bool)
     if options.turn_limit is not None:
         near &= motion.turns <= options.turn_limit
-    if options.acceleration_limit is None or motion.acceleration is None:
-        return near
-    if _is_steady(motion.velocity):
-        return near
-    return near & (np.abs(motion.acceleration) <= options.acceleration_limit)
+    limit = options.acceleration_limit
+    if limit is not None and acceleration is not None and not _is_steady(v):
+        near &= np.abs(acceleration) <= limit
+    return near
+
+
+def narrow(data: Sequence[Data], options: FrictionOptions) -> list[Data]:
+    """Keep of the samples those that the options describe."""
+    return [replace(d, kept=d.kept & described(d.motion, options)) for d in data]
 
 
 def _is_steady(velocity: FloatArray) -> bool:
@@ -302,15 +260,6 @@ def _is_steady(velocity: FloatArray) -> bool:
     return bool(np.ptp(means) <= _STEADY * abs(means.mean()))
 
 
-def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> BoolArray:
-    """Samples whose speed lies in the range of their direction, if there are such ranges."""
-    near = np.full(motion.velocity.size, not speeds)
-    for side, (low, high) in speeds.items():
-        v = motion.velocity if side == "positive" else -motion.velocity
-        near |= (v >= low) & (v <= high)
-    return near
-
-
 def leave_out_accelerations(
     data: list[Data], options: FrictionOptions
 ) -> tuple[list[Data], FrictionOptions, list[Notice]]:
@@ -319,21 +268,20 @@ def leave_out_accelerations(
     The mass is estimated along with friction, only to see where its force exceeds a share
     of the friction.
     """
-    slopes = [d.motion.acceleration for d in data]
-    if any(a is None for a in slopes):
+    slopes = [a for d in data if (a := d.motion.acceleration) is not None]
+    if options.moved is not None or options.is_settled or len(slopes) < len(data):
         return data, options, []
-    size = np.concatenate([np.abs(a[d.kept]) for d, a in zip(data, slopes) if a is not None])
-    fast = max(float(np.abs(d.speed).max(initial=0.0)) for d in data)
+    size = np.concatenate([np.abs(a[d.kept]) for d, a in zip(data, slopes)])
+    fast = float(np.abs(speeds(data)).max())
     if size.max() <= 1e-9 * fast / min(d.experiment.sample_time for d in data):
         return data, options, []  # rounding, no acceleration
-    mass = Estimator(FrictionBalance(data), [*LEVELS, "viscous", MASS]).solve().free.values[MASS]
+    mass = Estimator(friction_model(data), [*LEVELS, "viscous", MASS]).solve().free.values[MASS]
     share = _SMALL * half_range(data)
     if mass * float(np.quantile(size, 0.999)) <= share:
         return data, options, []
     limited = replace(options, acceleration_limit=share / mass)
-    quiet = [replace(d, kept=d.kept & described(d.motion, limited)) for d in data]
-    before, after = count_sides(data), count_sides(quiet)
-    if all(after[s] >= 0.2 * before[s] for s in SIDES):
+    quiet = narrow(data, limited)
+    if all(count_kept(quiet, s) >= 0.2 * count_kept(data, s) for s in SIDES):
         return quiet, limited, []
     axis = data[0].axis
     message = (
@@ -351,21 +299,21 @@ def leave_out_turns(
 
     They are left out where the force is clearly further off there than elsewhere.
     """
-    if not all(d.experiment.time.size for d in data):
+    settled = options.stribeck == "estimate" or options.is_settled
+    if settled or not all(d.experiment.time.size for d in data):
         return data, options
-    turns = [d.motion.turns for d in data]
-    usual = float(np.median(np.concatenate([t[d.kept] for d, t in zip(data, turns)])))
-    fast = max(float(np.abs(d.speed).max(initial=0.0)) for d in data)
-    settled = replace(options, turn_limit=max(_CORNER * usual, _SHARP * fast))
-    smooth = [replace(d, kept=d.kept & described(d.motion, settled)) for d in data]
-    if count_kept(smooth) == count_kept(data) or min(count_sides(smooth).values()) == 0:
+    usual = float(np.median(np.concatenate([d.motion.turns[d.kept] for d in data])))
+    fast = float(np.abs(speeds(data)).max())
+    limited = replace(options, turn_limit=max(_CORNER * usual, _SHARP * fast))
+    smooth = narrow(data, limited)
+    if min(count_kept(data) - count_kept(smooth), *(count_kept(smooth, s) for s in SIDES)) == 0:
         return data, options
     names = [*(f"coulomb_{s}" for s in sides_moved(data)), *options.rates]
-    law = FrictionLaw.of(Estimator(FrictionBalance(data), names).solve().values)
+    law = FrictionLaw.of(Estimator(friction_model(data), names).solve().values)
     rest = np.concatenate([(d.friction - law.moving(d.motion.sharp))[d.kept] for d in data])
     inside = np.concatenate([s.kept[d.kept] for d, s in zip(data, smooth)])
     if np.std(rest[~inside]) > _LARGER * np.std(rest[inside]):
-        return smooth, settled
+        return smooth, limited
     return data, options
 
 
@@ -378,7 +326,7 @@ def simulate_force(
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(plant.variant, experiments, plant.options)
-    law = FrictionLaw.of(with_speed(plant.numbers, FrictionBalance(data).speed))
+    law = FrictionLaw.of(with_speed(plant.numbers, speeds(data)))
     offsets: dict[int, float] = {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
@@ -392,15 +340,13 @@ def simulate_force(
 
 
 def _find_offsets(data: Sequence[Data], law: FrictionLaw, always: bool) -> dict[int, float]:
-    """Force offset of every log with motion, one for all where some move one way only [N].
+    """Force offset of every log with motion [N]; see :func:`offset_groups`.
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
     as it is. Without both directions it is found if it has to be (``always``) only.
     """
-    logs = group_by_log([d for d in data if d.driven])
-    groups = logs if all(map(both_ways, logs)) else [[d for runs in logs for d in runs]]
     out: dict[int, float] = {}
-    for runs in groups:
+    for runs in offset_groups([d for d in data if d.variant.output.name in d.experiment]):
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
         sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
         means = [side.mean() for side in sides if side.size]
@@ -415,6 +361,12 @@ def group_by_log(data: Sequence[Data]) -> list[list[Data]]:
     return [[d for d in data if d.experiment.log == k] for k in numbers]
 
 
+def offset_groups(data: Sequence[Data]) -> list[list[Data]]:
+    """Runs that share an offset: those of a log where each shows both directions, else all."""
+    logs = group_by_log(data)
+    return logs if all(map(both_ways, logs)) else [list(data)]
+
+
 def both_ways(runs: Sequence[Data]) -> bool:
     """Return whether there is motion in both directions."""
     return all(any(d.side(s).any() for d in runs) for s in SIDES)
@@ -422,9 +374,8 @@ def both_ways(runs: Sequence[Data]) -> bool:
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
     """Directions with enough moving samples to average; refused where there is none."""
-    counts = count_sides(data)
-    least = max(5.0, 0.005 * sum(counts.values()))
-    moved = [s for s in SIDES if counts[s] >= least]
+    counts = {s: count_kept(data, s) for s in SIDES}
+    moved = [s for s in SIDES if counts[s] >= max(5.0, 0.005 * sum(counts.values()))]
     if not moved:
         raise NotIdentifiedError(
             "nothing moves in these logs beyond the noise of the motion, and friction shows only "
@@ -440,18 +391,15 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
 
 def check_measured(data: Sequence[Data]) -> None:
     """Refuse a force that has one and the same value in all moving samples."""
-    force = np.concatenate([d.friction[d.kept] for d in data])
-    span = float(np.ptp(force))
-    if span > 1e-12 * float(np.abs(force).max()):
-        return
-    axis = data[0].axis
-    raise LogError(
-        f"the {axis.drive} is {data[0].say(force[0], 'g')} in all {force.size} moving samples: "
-        "no sensor does that",
-        where=", ".join(d.experiment.name for d in data),
-        expected=f"A measured {axis.drive}, with strokes in both directions. Nothing was written.",
-        remedy=f"Check --column of the {axis.drive} and the {axis.sensor}.",
-    )
+    force, axis = np.concatenate([d.friction[d.kept] for d in data]), data[0].axis
+    if float(np.ptp(force)) <= 1e-12 * float(np.abs(force).max()):
+        raise LogError(
+            f"the {axis.drive} is {data[0].say(force[0], 'g')} in all {force.size} moving samples: "
+            "no sensor does that",
+            where=", ".join(d.experiment.name for d in data),
+            expected=f"A measured {axis.drive}, with strokes in both directions.",
+            remedy=f"Check --column of the {axis.drive} and the {axis.sensor}.",
+        )
 
 
 def half_range(data: Sequence[Data]) -> float:

@@ -11,7 +11,7 @@ from ...errors import LogError, Notice
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import STEP, Basis, Unknown
-from ...estimation.regression import Balance, Estimator, LinearBalance, Regression
+from ...estimation.regression import Balance, Estimator, Regression, RegressionModel
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import t_quantile
@@ -151,7 +151,7 @@ def _proportional(
         Balance({"factor": c}, t, np.ones(t.size, dtype=bool), timed=timed)
         for c, t in zip(columns, targets)
     ]
-    found = Estimator(LinearBalance(runs), ["factor"]).solve().free
+    found = Estimator(RegressionModel(lambda _: runs), ["factor"]).solve().free
     return found.values["factor"], found.std_error("factor"), found.degrees
 
 
@@ -167,7 +167,8 @@ def fit_friction(case: Case, lenient: bool = False) -> tuple[Solved, list[Notice
     specs = {s.name: s for s in case.variant.parameters if s.name in scales}
     limits = {n: case.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
     columns = {"viscous": v, "coulomb": np.sign(v), "offset": np.ones(v.size)}
-    model = LinearBalance([Balance(columns, f, np.ones(v.size, dtype=bool), timed=rows.in_time)])
+    balance = Balance(columns, f, np.ones(v.size, dtype=bool), timed=rows.in_time)
+    model = RegressionModel(lambda _: [balance])
 
     def solve(held: Mapping[str, float]) -> Regression:
         given = {n: x for n, x in held.items() if n in specs}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ...errors import LogError
 from ...estimation.motion_state import choose_dead_band, held_direction, motion_state
-from ...estimation.regression import Balance
+from ...estimation.regression import Balance, RegressionModel
 from ...estimation.stribeck import Rise, friction_columns
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import NoiseLevel
@@ -64,8 +63,7 @@ class Run:
     def columns(self, gain: str, rise: Rise) -> dict[str, FloatArray]:
         """Derivative of the force by parameters at the kept samples, shape ``(kept,)`` each."""
         s, v = self.direction[self.kept], self.velocity[self.kept]
-        share, slope, _ = rise.shares(v, self.noise("velocity"))
-        friction = friction_columns(s, v, (s * share, s * rise.level * slope))
+        friction = friction_columns(s, v, rise.columns(s, v, self.noise("velocity")))
         friction |= dict(zip(LEVELS, (friction["coulomb_positive"], friction["coulomb_negative"])))
         return {
             gain: self.drive[self.kept],
@@ -95,32 +93,20 @@ class Run:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SpringBalance:
+def spring_model(runs: Sequence[Run], gain: str) -> RegressionModel:
     """Balance of the forces on the rod over all runs."""
+    step = max(d.experiment.signals["force"].resolution for d in runs)
+    return RegressionModel(
+        lambda rise: [d.balance(gain, rise) for d in runs],
+        speeds(runs),
+        _DROWNED * max(d.noise("velocity") for d in runs),
+        float(step / np.sqrt(12.0)),
+    )
 
-    runs: Sequence[Run]
-    gain: str
 
-    @cached_property
-    def speed(self) -> FloatArray:
-        """Velocities of the fitted samples [m/s]."""
-        return np.concatenate([d.velocity[d.kept] for d in self.runs])
-
-    @property
-    def least_speed(self) -> float:
-        """Speed below which there is only noise [m/s]."""
-        return _DROWNED * max(d.noise("velocity") for d in self.runs)
-
-    @property
-    def least_residual(self) -> float:
-        """Error that the converter of the force makes [N]."""
-        steps = [d.experiment.signals["force"].resolution for d in self.runs]
-        return float(max(steps) / np.sqrt(12.0))
-
-    def balances(self, rise: Rise) -> list[Balance]:
-        """Every run about a Stribeck level and speed."""
-        return [d.balance(self.gain, rise) for d in self.runs]
+def speeds(runs: Sequence[Run]) -> FloatArray:
+    """Velocities of the fitted samples [m/s]."""
+    return np.concatenate([d.velocity[d.kept] for d in runs])
 
 
 def input_noise(variant: Variant, runs: Sequence[Run]) -> dict[str, NoiseLevel]:

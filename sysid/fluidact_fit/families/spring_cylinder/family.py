@@ -38,7 +38,7 @@ from ...family import (
     make_solution,
 )
 from .block import SpringCylinderBlock
-from .data import Run, SpringBalance, input_noise, prepare
+from .data import Run, input_noise, prepare, speeds
 from .equation import GAINS, LEVELS, SpringLaw
 from .fit import Fit, fit_cylinder, settle_levels
 from .options import SpringOptions
@@ -235,7 +235,7 @@ def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulate
 
     Where most of a run is off the law does not hold there, and nothing of it is a spike.
     """
-    law, out = SpringLaw.of(with_speed(plant.numbers, SpringBalance(runs, "").speed)), []
+    law, out = SpringLaw.of(with_speed(plant.numbers, speeds(runs))), []
     for d in runs:
         force = d.predict(law)
         spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
@@ -249,7 +249,7 @@ def _covered(runs: Sequence[Run]) -> dict[str, tuple[float, float, str]]:
     """Range of the velocity where it was computed from positions [m/s]."""
     if any("velocity" in d.experiment or not d.experiment.time.size for d in runs):
         return {}
-    v = np.concatenate([d.velocity[d.kept] for d in runs])
+    v = speeds(runs)
     return {"velocity": (float(v.min()), float(v.max()), "m/s")}
 
 

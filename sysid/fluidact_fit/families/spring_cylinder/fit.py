@@ -18,7 +18,7 @@ from ...estimation.results import Refusal, Solved, determine
 from ...estimation.stribeck import free_names, undetermined
 from ...family import ParameterSpec, Request
 from ...specification import Variant
-from .data import EQUAL, Run, SpringBalance
+from .data import EQUAL, Run, spring_model
 from .equation import GAINS, LEVELS
 from .options import SpringOptions
 
@@ -64,7 +64,7 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
     fixed, options = request.fixed, request.options
     low = free_names(options.stribeck == "estimate", fixed)
     specs = {s.name: s for s in variant.parameters if not s.optional or s.name in (*low, *fixed)}
-    model = SpringBalance(runs, GAINS[variant.name])
+    model = spring_model(runs, GAINS[variant.name])
 
     def estimator(held: Mapping[str, float]) -> Estimator:
         free = [n for n in specs if n not in held]
