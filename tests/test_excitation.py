@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import fluidact_fit as ff
@@ -20,6 +22,7 @@ from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import NotIdentifiedError, OutputError, UsageError
 from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
+from fluidact_fit.excitation.strokes import Strokes
 from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 from fluidact_fit.families import get_family
 from fluidact_fit.parameters import ParameterDocument, make_document
@@ -206,6 +209,39 @@ def test_strokes_predict_the_standard_errors_of_a_fit(strokes: Design, tmp_path:
             found.setdefault(name, []).append(result.parameters[name].std_error)  # type: ignore[arg-type]
     for name, predicted in strokes.predicted.items():
         assert np.median(found[name]) == pytest.approx(predicted, rel=0.15)
+
+
+@given(
+    st.floats(0.004, 0.5), st.floats(0.004, 0.5), st.floats(0.5, 1.0), st.floats(0.05, 0.95),
+    st.floats(0.2, 20.0), st.sampled_from([0.001, 0.01, 0.05]), st.floats(0.3, 20.0),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_strokes_keep_to_the_travel_and_to_the_rate(
+    to: float, fro: float, part: float, share: float, duration: float, step: float, rate: float
+) -> None:
+    """Pairs with two speeds crept by what their turns lack, 38 % beyond the end of a stroke."""
+    travel = 0.1
+    most = min(0.9 * travel / 0.1, np.sqrt(0.9 * travel * rate))
+    to, fro = min(to, most), min(fro, most)
+    pairs = Strokes((part * to, part * fro), (to, fro), share)
+    velocity = pairs.play(travel, duration, step, rate)
+    place = step * (np.cumsum(velocity) - 0.5 * velocity)
+    # a sample of a ramp more, where the sample time is coarse
+    assert np.ptp(place) <= travel + step * max(to, fro)
+    assert velocity.max() <= to * (1.0 + 1e-9)
+    assert velocity.min() >= -fro * (1.0 + 1e-9)
+    assert np.abs(np.diff(velocity)).max() <= rate * step * (1.0 + 1e-9)
+
+
+def test_a_design_with_a_rate_stays_within_stroke_and_rate() -> None:
+    found = design(
+        document_of(fit_trial("cylinder-friction", 1)), stroke=(0.0, 0.055), rate=0.5,
+        amplitude=(-0.02, 0.1),
+    )  # fmt: skip
+    velocity, position = found.signals["velocity"], found.signals["position"]
+    assert 0.0 <= position.min() < position.max() <= 0.055
+    assert np.abs(np.diff(velocity) / np.diff(found.time)).max() <= 0.5 * (1.0 + 1e-9)
+    assert "rate" in found.binding
 
 
 def test_strokes_say_what_no_speeds_could_better_and_how_long_halving_takes(

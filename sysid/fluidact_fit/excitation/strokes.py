@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ _DURATION = 10.0  # s, where neither the file nor the user says
 
 
 @dataclass(frozen=True)
-class _Strokes:
+class Strokes:
     """Pairs of strokes back and forth at constant speed: slow ones, then fast ones.
 
     ``slow`` and ``fast`` are the speeds in the positive and negative direction [SI],
@@ -39,35 +39,44 @@ class _Strokes:
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
         return out
 
-    def play(self, travel: float, duration: float, step: float) -> FloatArray:
-        """Velocity at the samples, shape ``(n,)`` [SI]; straight ramps at the turns."""
-        count, turn = round(duration / step), max(round(_TURN / step), 2)
-        pieces: list[FloatArray] = []
-        speeds = self.speeds()
-        for pair in (speeds[:2], speeds[2:]):
-            to, share = pair[0]
-            laps = max(int(np.ceil(to * share * duration / (_USED * travel))), 1)
-            for speed, part in laps * pair:
-                size = max(round(part * duration / laps / step), 2 * turn)
-                pieces.append(_stroke(speed, size, turn))
+    def play(self, travel: float, duration: float, step: float, rate: float) -> FloatArray:
+        """Velocity at the samples, shape ``(n,)`` [SI].
+
+        The turns are straight ramps no steeper than ``rate`` [SI]. A pair returns to where it
+        began, within the ``travel``: a stroke of ``n`` samples, ``k`` of them in a ramp, covers
+        ``speed * step * (n - k)``.
+        """
+        count, pieces = round(duration / step), list[FloatArray]()
+        for pair, share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+            turns = [max(round(_TURN / step), 2, int(np.ceil(v / (rate * step)))) for v in pair]
+            lost, slowness = step * sum(turns), sum(1.0 / v for v in pair)
+            time = share * duration
+            laps = max(int(np.ceil(time / (_USED * travel * slowness + lost))), 1)
+            ramps = (v * step * turn for v, turn in zip(pair, turns))
+            distance = max((time / laps - lost) / slowness, *ramps)
+            lap = []
+            for speed, turn, sign in zip(pair, turns, (1.0, -1.0)):
+                held = max(int(np.ceil(distance / (speed * step))), turn)
+                lap.append(_stroke(sign * distance / (held * step), held + turn, turn))
+            pieces += laps * lap
         velocity = np.concatenate(pieces)[:count]
         return np.pad(velocity, (0, count - velocity.size))
 
 
 def design_strokes(task: Task) -> Design:
     """Strokes at constant speed whose speeds and shares of the time are searched."""
-    low, high = _speed_limits(task)
     covered = task.document.validity.get(speed_and_place(task)[1].name)
     if task.limits.stroke is None and covered is not None:
         stroke = (covered.low, covered.high)
         task = replace(task, given=replace(task.given, stroke=stroke))
+    low, high = _speed_limits(task)
     slowest = max(task.excitation.slowest, 0.075 * max(high, -low))
 
-    def badness(strokes: _Strokes) -> float:
+    def badness(strokes: Strokes) -> float:
         return task.score(_stroke_errors(task, strokes))
 
     starts = [
-        _Strokes((k * slowest, k * slowest), (high, -low), share)
+        Strokes((k * slowest, k * slowest), (high, -low), share)
         for k in (1.0, 2.0, 4.0)
         for share in (0.3, 0.5, 0.7, 0.85)
         if k * slowest < min(high, -low)
@@ -83,26 +92,38 @@ def _speed_limits(task: Task) -> tuple[float, float]:
     """Lowest and highest velocity [SI]: as given, or what the file's logs covered."""
     covered = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
     low, high = covered if task.given.amplitude == NOT_GIVEN else task.given.amplitude
-    unit = speed_and_place(task)[0].unit
+    unit, most = speed_and_place(task)[0].unit, _reachable(task)
+    low, high = max(low, -most), min(high, most)
     if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(
             "the speeds allow no motion in both directions.",
             expected=f"Both ends have to lie beyond {task.excitation.slowest:.3g} {unit}.",
-            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
+            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1; a "
+            f"stroke of {task.limits.travel:.3g} within the rate reaches {most:.3g} {unit}.",
         )
     return low, high
 
 
-def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _reachable(task: Task) -> float:
+    """Highest speed that a stroke reaches and leaves again within the travel and the rate [SI]."""
+    limits = task.limits
+    travel, rate = _USED * limits.travel, limits.rate
+    if rate is not None and not is_speed(task.drive):
+        return min(travel / _TURN, rate)
+    return min(travel / _TURN, np.inf if rate is None else float(np.sqrt(rate * travel)))
+
+
+def _play(task: Task, strokes: Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time [s], velocity and position [SI], shape ``(n,)`` each."""
     limits, step = task.limits, task.limits.sample_time or 0.01
-    velocity = strokes.play(limits.travel, limits.duration or _DURATION, step)
+    rate = np.inf if limits.rate is None or not is_speed(task.drive) else limits.rate
+    velocity = strokes.play(limits.travel, limits.duration or _DURATION, step, rate)
     place = step * (np.cumsum(velocity) - 0.5 * velocity)
     place += (limits.stroke or (0.0, 0.0))[0] - place.min()
     return step * np.arange(velocity.size, dtype=np.float64), velocity, place
 
 
-def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
+def _stroke_errors(task: Task, strokes: Strokes) -> FloatArray:
     """Predicted standard errors from the samples that a fit would keep, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
     run = make_run(task.drive, time, velocity if is_speed(task.drive) else place)
@@ -111,20 +132,20 @@ def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
 
 
 def _improve_strokes(
-    badness: Callable[[_Strokes], float],
-    start: _Strokes,
+    badness: Callable[[Strokes], float],
+    start: Strokes,
     limits: tuple[float, float],
     slowest: float,
-) -> _Strokes:
+) -> Strokes:
     """Search speeds and shares from a start."""
     low, high = limits
 
-    def make(x: FloatArray) -> _Strokes:
+    def make(x: FloatArray) -> Strokes:
         to, fro = slowest * np.exp(np.abs(x[:2]))
         fast = high * np.exp(-abs(x[3])), -low * np.exp(-abs(x[4]))
         slow = min(float(to), float(fast[0])), min(float(fro), float(fast[1]))
         share = 1.0 / (1.0 + np.exp(-x[2]))
-        return _Strokes(slow, (float(fast[0]), float(fast[1])), float(np.clip(share, 0.02, 0.98)))
+        return Strokes(slow, (float(fast[0]), float(fast[1])), float(np.clip(share, 0.02, 0.98)))
 
     at = [np.log(start.slow[0] / slowest), np.log(start.slow[1] / slowest),
           np.log(start.share / (1.0 - start.share)), 0.0, 0.0]  # fmt: skip
@@ -161,7 +182,7 @@ def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
     return errors(_minimise(lambda x: task.score(errors(x)), np.zeros(3), np.ones(3), 600))
 
 
-def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
+def _describe_strokes(task: Task, best: Strokes, ideal: FloatArray) -> Design:
     """The design in words and numbers."""
     time, velocity, place = _play(task, best)
     errors, stroke = _stroke_errors(task, best), task.limits.stroke
@@ -189,9 +210,21 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
         forecasts=task.forecasts(errors),
         criterion=task.criterion,
         limits=task.limits,
-        binding=("amplitude", *(("stroke",) if stroke else ()), "duration"),
+        binding=tuple(_binding(task, time, velocity)),
         notes=tuple(notes),
     )
+
+
+def _binding(task: Task, time: FloatArray, velocity: FloatArray) -> Iterator[str]:
+    """Limits that the strokes reach."""
+    rate = task.limits.rate
+    slopes = np.diff(velocity) / np.diff(time) if is_speed(task.drive) else velocity
+    yield "amplitude"
+    if rate is not None and np.abs(slopes).max() >= 0.97 * rate:
+        yield "rate"
+    if task.limits.stroke:
+        yield "stroke"
+    yield "duration"
 
 
 def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
