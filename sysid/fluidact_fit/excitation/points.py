@@ -14,6 +14,7 @@ from ..specification import Role
 from .result import Design
 from .task import Task, Unknown, driving_role, make_run
 
+_NOTICEABLE = 0.01  # of the range of a map
 _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
 
 
@@ -23,10 +24,14 @@ def design_points(task: Task) -> Design:
     chosen: str | int = task.criterion
     if task.criterion not in ("worst", "determinant"):
         chosen = task.names.index(task.criterion)
-    share = optimal_measure(static_rows(task, grid), task.scales, chosen)
+    rows = static_rows(task, grid)
+    share = optimal_measure(rows, _sizes(task, grid, rows), chosen)
     points, shares = _support(grid, share)
     weights = shares * static_samples(task)
     output, unknown = task.output, task.unknowns[0]
+    samples = np.maximum(np.round(weights), 1.0)
+    back = np.floor(0.5 * samples)  # half of them from the other side: a hysteresis shows
+    way = np.append(points, points[::-1][back[::-1] > 0.0])
     planned = f"planned_{output.name}"  # the table is no log: nothing takes this for measured
     note = (
         f"{100.0 * _SPREAD:.0f} % of the samples are spread evenly: the rest would not show "
@@ -34,12 +39,12 @@ def design_points(task: Task) -> Design:
     )
     return Design(
         family=task.family.name,
-        description=f"{points.size} positions to hold",
+        description=f"{points.size} positions to hold, going up and coming back",
         time=np.zeros(0),
         signals={
-            planned: _evaluate(task, unknown, unknown.value, points),
-            task.drive.name: points,
-            "samples": np.maximum(np.round(weights), 1.0),
+            planned: _evaluate(task, unknown, unknown.value, way),
+            task.drive.name: way,
+            "samples": np.append(samples - back, back[::-1][back[::-1] > 0.0]),
         },
         units={planned: output.unit, task.drive.name: task.drive.unit, "samples": "1"},
         forecasts=task.forecasts(task.sigma * static_errors(static_rows(task, points), weights)),
@@ -48,6 +53,19 @@ def design_points(task: Task) -> Design:
         binding=("amplitude", "duration"),
         notes=(*task.notes, note),
     )
+
+
+def _sizes(task: Task, grid: FloatArray, rows: FloatArray) -> FloatArray:
+    """Sizes that the standard errors are compared with, shape ``(p,)``.
+
+    No experiment makes the relative error of a zero small: what may be zero counts from where it
+    moves the map noticeably.
+    """
+    unknown = task.unknowns[0]
+    reach = float(np.ptp(_evaluate(task, unknown, unknown.value, grid)))
+    least = _NOTICEABLE * reach / np.maximum(np.sqrt(np.mean(rows**2, axis=0)), 1e-300)
+    zero = [u.present is not None and abs(u.value) < 2.0 * u.present for u in task.unknowns]
+    return np.where(zero, np.maximum(task.scales, least), task.scales)
 
 
 def static_samples(task: Task) -> int:
