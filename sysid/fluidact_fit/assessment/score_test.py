@@ -7,6 +7,7 @@ not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -226,8 +227,8 @@ def _timing(at: Optimum, scores: Sequence[Score]) -> Iterator[Notice]:
         if not s.term.sampled or not s.size or not s.deviations or spec.unit == "s":
             continue  # what is a time itself is known no better than the instants
         samples = s.term.sampled / abs(s.size)
-        shift = abs(s.shift) * samples
-        share = shift / max(abs(at.number(s.parameter)), np.finfo(float).tiny)
+        shift = float(abs(s.shift) * samples)
+        share = shift / max(abs(at.number(s.parameter)), sys.float_info.min)
         seen = samples * abs(s.deviations) > policy.TERM_SEEN
         if not seen and samples * abs(s.errors) > policy.TERM_MOVES and share > policy.TIMING_MOVES:
             unseen.append((share, s.term.name.removeprefix("delay of "), shift, s))
