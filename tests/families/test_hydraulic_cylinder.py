@@ -679,10 +679,11 @@ def test_rest_balances_the_forces_half_way_between_supply_and_tank() -> None:
         assert (62e5 - 2.0 * p1) / 4.91e-4 == pytest.approx((2.0 * p2 - 62e5) / area_2, abs=1.0)
 
 
-def test_a_piston_that_would_leave_the_cylinder_is_refused() -> None:
+@pytest.mark.parametrize("command", [2.0, 9.0, -9.0])
+def test_a_piston_that_would_leave_the_cylinder_is_refused(command: float) -> None:
     """At the end its integration stands still at any place or leaves, as rounding will have it."""
     with pytest.raises(UsageError, match="hydraulic-cylinder knows no end of the stroke"):
-        step(fitted(), duration=10.0, command=(0.0, 2.0))
+        step(fitted(), duration=10.0, command=(0.0, command))
 
 
 def test_a_log_without_pressures_is_simulated_all_the_same() -> None:
@@ -699,6 +700,18 @@ def without_mass() -> FitResult:
     return ff.fit(
         "hydraulic-cylinder", list(dataset()), **{n: v for n, v in GIVEN.items() if n != "mass"}
     )
+
+
+def test_a_right_log_without_a_mass_passes() -> None:
+    """Windows grew with the noise of the position, to 30 to 70 ms: this log was warned of."""
+    plant = attacks.Plant()
+    (log,) = attacks.record(np.random.default_rng([5, 5]), plant=plant)
+    given = {n: v for n, v in plant.given().items() if n != "mass"}
+    found = ff.fit("hydraulic-cylinder", log, **given)
+    assert found.verdict == "pass"
+    for name, true in plant.truth().items():
+        error = abs(number(found, name) - true)
+        assert error < 4.0 * float(found.parameters[name].std_error or np.nan), name
 
 
 def test_without_pressure_dynamics_the_pressure_is_needed(tmp_path: Path) -> None:
@@ -720,8 +733,6 @@ def test_flow_from_rest_follows_a_measured_pressure() -> None:
     result = without_mass()
     plant = result.solution.plant
     (found,) = family.simulate(plant, [replace(run, signals=inputs)])
-    assert found.used is not None
-    assert found.used.sum() > 0.95 * run.samples
     difference = found.output - run["position"]
     assert np.std(difference) < 0.05 * np.std(run["position"])
 
@@ -815,15 +826,14 @@ def test_a_single_sample_is_refused(tmp_path: Path) -> None:
         check_logs(fitted().document, [log])
 
 
-def test_a_search_in_a_long_log_begins_with_pieces_from_all_over_it() -> None:
+def test_a_search_for_a_rise_begins_with_pieces_from_all_over_a_log() -> None:
     guess = np.zeros((1000, 4))
-    command, step = np.arange(999.0), np.full(999, 1e-3)
-    log = GrayLog(command, step, (2,), guess[None, :, 2], guess)
-    pieces = log.pieces(0.4)
+    log = GrayLog(np.arange(999.0), np.full(999, 1e-3), guess.T[:3], guess)
+    pieces = log.pieces(100)
     assert [p.samples for p in pieces] == [100] * 4
     assert [p.command[0] for p in pieces] == [0.0, 300.0, 600.0, 900.0]
     assert all(p.command.size == p.step.size == 99 for p in pieces)
-    assert log.pieces(1.0)[0] is log
+    assert log.pieces(250)[0] is log
 
 
 def test_a_piston_at_rest_is_read_with_one_error_all_the_time() -> None:

@@ -260,7 +260,7 @@ def slow_and_fast(m: hydraulic.Plant, samples: int = 500) -> tuple[FloatArray, F
 def bare_log(time: FloatArray, command: FloatArray, start: FloatArray) -> GrayLog:
     """A command and a state to begin with; nothing measured."""
     guess = np.tile(start, (time.size, 1))
-    return GrayLog(command[:-1], np.diff(time), (), np.zeros((0, time.size)), guess)
+    return GrayLog(command[:-1], np.diff(time), np.zeros((3, time.size)), guess)
 
 
 def by_events(m: hydraulic.Plant, time: FloatArray, command: FloatArray) -> FloatArray:

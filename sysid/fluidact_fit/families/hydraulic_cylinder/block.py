@@ -146,7 +146,7 @@ class HydraulicBlock(FlowBlock):
 
     def _routines(self, known: Mapping[str, Argument]) -> CylinderRoutines:
         values = {i: self._of_chamber(i) for i in self._known}
-        nets = {n: network_of(self.parameters, n) for n in NETWORKS}
+        nets = {n: net for n in NETWORKS if (net := network_of(self.parameters, n)) is not None}
         return CylinderRoutines(self._machine, values, known, self._law, nets)
 
     def predict(self, experiment: Experiment) -> FloatArray:

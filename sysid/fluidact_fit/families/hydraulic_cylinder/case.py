@@ -14,10 +14,11 @@ from ...family import Plant, Request, Variant
 from ...mechanics.hydraulic_cylinder import SIGN, Machine
 from ...signals import smooth
 from .options import HydraulicCylinderOptions
-from .windows import Windows, cut_windows, window_length
+from .windows import Windows, cut_windows
 
 _PRESSURES = "pressure_1", "pressure_2"
 _CROSSED = 4.0  # times the force that swapped pressures leave, at which they are swapped
+_WINDOW, _FEWEST = 0.02, 4.0  # s and samples, that a window has at least
 _ABOVE_SUPPLY = 10.0  # times the supply pressure, more than any rod side is raised to
 
 
@@ -58,11 +59,6 @@ class Case:
     def options(self) -> HydraulicCylinderOptions:
         """The options of the request."""
         return self.request.options
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of all logs."""
-        return sum(e.samples for e in self.experiments)
 
     @property
     def both(self) -> bool:
@@ -168,17 +164,20 @@ def make_case(
             )
     chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
     machine = read_machine(request.options, chambers)
-    _check_supply(machine, experiments)
-    _check_chambers(machine, experiments)
+    _check_pressures(machine, experiments)
     check_volumes(machine, experiments)
-    window = request.options.window or window_length(experiments)
+    shortest = _FEWEST * max(e.sample_time for e in experiments)
+    window = request.options.window or max(_WINDOW, shortest)
     return Case(variant, experiments, request, machine, chambers, window)
 
 
-def _check_supply(machine: Machine, experiments: Sequence[Experiment]) -> None:
-    """Refuse a supply pressure far below what was recorded: a rod side multiplies it by a few."""
-    found = [(float(e[r].max()), r) for e in experiments for r in _PRESSURES if r in e]
-    most, role = max(found)
+def _check_pressures(machine: Machine, experiments: Sequence[Experiment]) -> None:
+    """Refuse pressures far above the supply, and those that seem to be swapped.
+
+    A rod side multiplies the supply by a few. ``p_1 A_1 - p_2 A_2`` moves the mass against
+    friction: a small part of either force, unless the areas are those of the other chamber.
+    """
+    most, role = max((float(e[r].max()), r) for e in experiments for r in _PRESSURES if r in e)
     if most > _ABOVE_SUPPLY * machine.supply:
         raise UsageError(
             f"--supply-pressure {machine.supply:g} Pa is far below the {most:.3g} Pa that "
@@ -186,22 +185,12 @@ def _check_supply(machine: Machine, experiments: Sequence[Experiment]) -> None:
             expected="Expected a pressure in Pa: 50 bar are 5e6 Pa.",
             remedy="Check --supply-pressure and the units of the pressures and of the areas.",
         )
-
-
-def _check_chambers(machine: Machine, experiments: Sequence[Experiment]) -> None:
-    """Refuse pressures that balance the piston only with the areas of the other chamber.
-
-    ``p_1 A_1 - p_2 A_2`` moves the mass against friction: a small part of either force.
-    """
     both = [e for e in experiments if _holds_both(e)]
     if not both or machine.area_1 is None or machine.area_2 is None:
         return
     p1, p2 = (np.concatenate([e.sampled(r) for e in both]) for r in _PRESSURES)
-    net, crossed = (
-        float(np.linalg.norm(a * p1 - b * p2))
-        for a, b in ((machine.area_1, machine.area_2), (machine.area_2, machine.area_1))
-    )
-    if net > _CROSSED * crossed:
+    net = float(np.linalg.norm(machine.area_1 * p1 - machine.area_2 * p2))
+    if net > _CROSSED * float(np.linalg.norm(machine.area_2 * p1 - machine.area_1 * p2)):
         raise LogError(
             "'pressure_1' and 'pressure_2' do not balance the piston, and would the other way "
             "round: the two columns seem to be swapped",

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Notice, NotIdentifiedError
+from ...errors import Notice
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse, undetermined_error
-from ...estimation.stribeck import another_fall, free_names, rise_words, stribeck_specs
-from ...estimation.unmodelled_effects import soft_edges
-from ...experiment import Experiment, Hold
+from ...estimation.stribeck import EXPONENT, another_fall, free_names, rise_words, stribeck_specs
+from ...estimation.unmodelled_effects import slopes, soft_edges
+from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Family,
     NoiseModel,
@@ -34,6 +34,7 @@ from ...family import (
     Request,
     Role,
     Runs,
+    Simulate,
     Simulated,
     Solution,
     Structure,
@@ -45,13 +46,14 @@ from ...family import (
 from ...mechanics.hydraulic_cylinder import EDGES, THETA
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
+from .gray_box import CHANNELS
 from .gray_fit import fit_gray
-from .nearby import fall_slopes
 from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
 from .simulation import simulate_runs
 
+_APART = 0.1  # of the exponent of a fall of friction, between its two simulations and 2
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
 _GAIN_REMEDY = "Record strokes at two commands or more, each held until the speed settles."
 _LOSS_REMEDY = "Record strokes at large commands (a few volts) in both directions."
@@ -193,7 +195,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         if plant.options.stage != "gray-box":
             return []
         low, high = (plant.numbers[edge] for edge in EDGES)
-        fall = [another_fall(partial(fall_slopes, plant))] if plant.values.get("stribeck") else []
+        fall = [another_fall(partial(_fall_slopes, plant))] if plant.values.get("stribeck") else []
         return [soft_edges(plant, "command", (low, high)), *fall]
 
     def model(
@@ -221,18 +223,21 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return HydraulicBlock(document, variant)
 
 
+def _fall_slopes(
+    plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Derivatives of all channels by how much slower friction falls off from rest."""
+    less, more = (
+        simulate(replace(plant, values={**plant.values, EXPONENT: 2.0 + by}), experiments)
+        for by in (-_APART, _APART)
+    )
+    return slopes(more, less, CHANNELS[-1], 2.0 * _APART)
+
+
 def _is_gray_box(case: Case) -> bool:
-    """Decide whether to fit all states: as the file says, else if enough is given and recorded."""
-    if case.options.stage == "flow-balance" or not case.machine.complete:
+    """Decide whether to fit all states: where enough is given and recorded."""
+    if case.options.stage == "flow-balance" or not (case.machine.complete and case.both):
         return False
-    if not case.both:
-        if case.options.stage is None:
-            return False
-        raise NotIdentifiedError(
-            "the file's pressure dynamics cannot be fitted to logs of one pressure each",
-            expected="Expected pressure_1 and pressure_2.",
-            remedy="Record both pressures in every log.",
-        )
     slow = max(e.sample_time for e in case.experiments)
     if slow > _SLOWEST and "bulk_modulus" not in case.request.fixed:
         raise undetermined_error(
@@ -278,10 +283,7 @@ def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
     ]
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
     options = replace(
-        case.options,
-        stage="flow-balance",
-        window=case.window,
-        rest_position=case.rest_position,
+        case.options, stage="flow-balance", window=case.window, rest_position=case.rest_position
     )
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,

@@ -20,73 +20,64 @@ SLOPES = THETA[:-1]  # parameters by which the states are differentiated
 _LONGEST = 5e-4  # s: Runge-Kutta step
 _FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
-# rad that the piston on the oil of one chamber may turn in a step; it was followed at 1.5, and ran
-# away at 1.8
-_FOLLOWED = 1.7
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
 _SEGMENT = 50  # samples that are integrated in one call
-_SHORTEST = 100  # samples of a piece of a log
 
 
 @dataclass(frozen=True)
 class GrayLog:
     """One experiment as the gray box sees it.
 
-    ``command`` [V] and ``step`` [s] have shape ``(n - 1,)``; ``channels`` holds the measured
-    states (0: p1, 1: p2, 2: y), ``measured`` their values, ``(len(channels), n)``, and ``codes``
-    the steps of their converters, if they are known. ``guess`` holds all four states from smoothed
-    signals, ``(n, 4)``.
+    ``command`` [V] and ``step`` [s] have shape ``(n - 1,)``. ``measured`` holds the channels,
+    ``(3, n)``, zeros where one was not recorded, and ``codes`` the steps of their converters, 0
+    where unknown. ``guess`` holds all four states from smoothed signals, ``(n, 4)``.
     """
 
     command: FloatArray
     step: FloatArray
-    channels: tuple[int, ...]
     measured: FloatArray
     guess: FloatArray
-    codes: tuple[float, ...] = ()
+    codes: Sequence[float] = (0.0, 0.0, 0.0)
 
     @property
     def samples(self) -> int:
         """Number of samples."""
         return int(self.guess.shape[0])
 
-    def pieces(self, share: float) -> list[GrayLog]:
-        """Return four pieces from all over the log with a share of its samples, or it itself."""
-        length = max(round(0.25 * share * self.samples), _SHORTEST)
+    def pieces(self, length: int) -> list[GrayLog]:
+        """Return four pieces of so many samples from all over the log, or it itself."""
         if 4 * length >= self.samples:
             return [self]
-        ends = np.linspace(0, self.samples - length, 4).astype(int).tolist()
-        return [self.cut(first, first + length) for first in ends]
-
-    def cut(self, first: int, after: int) -> GrayLog:
-        """Samples ``first`` to ``after``, exclusive."""
-        return GrayLog(
-            self.command[first : after - 1], self.step[first : after - 1], self.channels,
-            self.measured[:, first:after], self.guess[first:after], self.codes,
-        )  # fmt: skip
+        out = []
+        for k in np.linspace(0, self.samples - length, 4).astype(int).tolist():
+            held, at = slice(k, k + length - 1), slice(k, k + length)
+            out.append(GrayLog(self.command[held], self.step[held], self.measured[:, at],
+                               self.guess[at], self.codes))  # fmt: skip
+        return out
 
 
 def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
     """Prepare one experiment: measured channels and a first guess of all four states."""
     half = max(2, round(0.006 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, 2 * half, 3)
-    guess = np.zeros((e.samples, 4))
+    measured, guess = np.zeros((3, e.samples)), np.zeros((e.samples, 4))
     guess[:, 2], guess[:, 3] = motion.value, motion.rate
-    channels = tuple(k for k, role in enumerate(CHANNELS) if role in e)
-    for k in channels[:-1]:
-        guess[:, k] = smooth(e.sampled(CHANNELS[k]), e.sample_time, max(1, half // 2), 2).value
+    codes = [0.0, 0.0, 0.0]
+    for k, role in enumerate(CHANNELS):
+        if role in e:
+            measured[k], codes[k] = e.sampled(role), e.signals[role].resolution
+            if k < 2:
+                guess[:, k] = smooth(measured[k], e.sample_time, max(1, half // 2), 2).value
     inertia = (machine.mass or 0.0) * motion.curvature
-    if channels == (2,):
+    if CHANNELS[0] not in e and CHANNELS[1] not in e:
         guess[:, 0] = machine.at_rest(0.0)[0]
-    if 1 not in channels:
+    if CHANNELS[1] not in e:
         guess[:, 1] = (guess[:, 0] * machine.area(1) - inertia) / machine.area(2)
-    elif 0 not in channels:
+    elif CHANNELS[0] not in e:
         guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
-    measured = np.array([e.sampled(CHANNELS[k]) for k in channels])
-    codes = tuple(e.signals[CHANNELS[k]].resolution for k in channels)
-    return GrayLog(mean_command(e), np.diff(e.time), channels, measured, guess, codes)
+    return GrayLog(mean_command(e), np.diff(e.time), measured, guess, codes)
 
 
 def mean_command(e: Experiment) -> FloatArray:
@@ -98,14 +89,15 @@ def mean_command(e: Experiment) -> FloatArray:
     signal = e.signals["command"]
     if signal.hold in (None, "zoh") and np.array_equal(signal.time, e.time):
         return e.sampled("command")[:-1]
+    from scipy.interpolate import PPoly
+
     u = piecewise(signal, level=signal.before)
-    pieces = np.clip(np.searchsorted(u.nodes, e.time, side="right") - 1, 0, None)
-    power = np.arange(1, u.coefficients.shape[1] + 1)
-    whole = np.sum(u.coefficients[:-1] * np.diff(u.nodes)[:, None] ** power / power, axis=1)
-    since = np.maximum(e.time - u.nodes[pieces], 0.0)
-    part = np.sum(u.coefficients[pieces] * since[:, None] ** power / power, axis=1)
-    total = np.append(0.0, np.cumsum(whole))[pieces] + part
-    return np.asarray(signal.before + np.diff(total) / np.diff(e.time))
+    knots = np.append(u.nodes, max(u.nodes[-1], e.time[-1]) + 1.0)
+    total = PPoly(np.real(u.coefficients[:, ::-1].T), knots).antiderivative()
+    # what is left of the level is zero before the first node
+    return np.asarray(
+        signal.before + np.diff(total(np.maximum(e.time, knots[0]))) / np.diff(e.time)
+    )
 
 
 @dataclass(frozen=True)
@@ -133,12 +125,6 @@ class GrayBox:
         rates = viscous / mass / 2.0, fall / mass / _FALL, np.sqrt(stiffness / mass) / _ANGLE
         needed = step * max(1.0 / _LONGEST, *rates)
         return cls(machine, int(np.clip(np.ceil(needed - 1e-9), 1, _MOST_STEPS)))
-
-    def least_volume(self, chamber: int, sample_time: float, values: Values) -> float:
-        """Volume [m3] of a chamber whose oil is so stiff that no step follows the piston on it."""
-        stiffness = values["bulk_modulus"] * self.machine.area(chamber) ** 2
-        step = sample_time / self.steps
-        return float(stiffness * (step / _FOLLOWED) ** 2 / (self.machine.mass or 1.0))
 
     def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
         """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""

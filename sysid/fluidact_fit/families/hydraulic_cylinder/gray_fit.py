@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,22 +12,26 @@ from ...estimation.minimise import Minimum
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.results import Refusal, Solved, determine, left_open
-from ...estimation.stribeck import STRIBECK, free_names, slowest_and_fastest, undetermined
+from ...estimation.stribeck import (
+    STRIBECK,
+    free_names,
+    slowest_and_fastest,
+    undetermined,
+    with_speed,
+)
 from ...experiment import Experiment, FloatArray
-from ...family import NoiseModel, Quantity, Solution, make_solution
+from ...family import NoiseModel, Plant, Quantity, Simulated, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
-from .case import Case
-from .command_noise import command_noise
-from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
-from .gray_search import GrayPoint, GrayProblem, moving_speeds, solve_gray_box
-from .nearby import Nearby
+from .case import Case, read_machine
+from .gray_box import CHANNELS, GrayBox, make_gray_log, mean_command
+from .gray_search import GrayPoint, GrayProblem, command_noise, moving_speeds, solve_gray_box
 from .options import HydraulicCylinderOptions
 from .regression import directional_gains, fit_flow, fit_friction, sensible_widths
 from .simulation import simulate_runs
 
-_PART = 4_000  # samples in which a search begins
-_LONG = 16_000  # samples from which every search does, and not that for a Stribeck rise alone
+_PART = 4_000  # samples in which the search for a Stribeck rise begins
+_SHORTEST = 100  # samples of a piece of a log
 _SPEEDS = 6  # at which the search for a Stribeck rise begins
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
 _ROUNDS = ((2, 4), (6, 2), (20, 1))  # steps from each start, and how many of them go on
@@ -43,48 +47,51 @@ class _Search:
     def __init__(self, case: Case) -> None:
         self.case = case
         first = fit_flow(case, lenient=True)
-        self.start, scales = _start(case, first.values)
-        friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
+        sizes = _friction_sizes(case)
+        self.start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **sizes}
+        if case.friction.moving.sum() >= 8:
+            found = fit_friction(case)[0]
+            self.start |= {n: found.values[n] for n in found.names if n in sizes}
+        self.start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
+        self.start |= {n: v for n, v in case.request.start.items() if n in self.start}
+        friction = make_unknowns(case.variant.parameters, (*sizes,), sizes, case.request)
         self.unknowns = {**first.unknowns, **friction}
         self.logs = [make_gray_log(e, case.machine) for e in case.experiments]
         fall = FrictionLaw.of(case.request.fixed).fall
-        self.box = GrayBox.following(self.logs, case.machine, scales["viscous"], fall)
+        self.box = GrayBox.following(self.logs, case.machine, sizes["viscous"], fall)
         self.initial: list[FloatArray] | None = None
-        self.sigma = _noise(case.experiments)
+        self.sigma = np.array([
+            max(noise_floor(e[c], 2) + max(e.signals[c].resolution, 1e-4 * float(np.ptp(e[c])))
+                for e in case.experiments)
+            for c in CHANNELS
+        ])  # fmt: skip
         self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
     def solve(self, held: Mapping[str, float]) -> Minimum[GrayPoint]:
-        """Estimate what is not held, of long logs first in part of them."""
+        """Estimate what is not held."""
         low = [n for n in self.low if n not in held]
-        samples = self.case.samples
-        part = [piece for log in self.logs for piece in log.pieces(_PART / samples)]
         if low and not self.start.get("stribeck_speed"):
-            plain = self._settle(part, {**held, **dict.fromkeys(low, 0.0)})
+            whole, length = self.logs, max(_PART // (4 * len(self.logs)), _SHORTEST)
+            self.logs = [piece for log in whole for piece in log.pieces(length)]
+            plain = self._settle({**held, **dict.fromkeys(low, 0.0)})
             self._begin_rise(plain.point, low, held)
-        if self.initial is None and samples > _LONG:
-            self._settle(part, held, low)
-        end = self._settle(self.logs, held, low, self.initial)
-        self.initial = end.point.initial
-        return end
+            self.logs, self.initial = whole, None
+        return self._settle(held, low)
 
-    def _settle(
-        self, logs: Sequence[GrayLog], held: Mapping[str, float], low: Sequence[str] = (),
-        initial: Sequence[FloatArray] | None = None,
-    ) -> Minimum[GrayPoint]:  # fmt: skip
+    def _settle(self, held: Mapping[str, float], low: Sequence[str] = ()) -> Minimum[GrayPoint]:
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
-        begin = {**self.start, **held}
+        self.start = {**self.start, **held}
         for _ in range(3):
-            problem = GrayProblem(self.box, logs, free, self.sigma)
-            end = solve_gray_box(problem, begin, initial)
-            begin, initial = end.point.values, end.point.initial
+            problem = GrayProblem(self.box, self.logs, free, self.sigma)
+            end = solve_gray_box(problem, self.start, self.initial)
+            self.start, self.initial = end.point.values, end.point.initial
             self.case.request.progress(
                 f"gray box: {end.iterations} steps, weighted error {end.point.cost:.6g}"
             )
             old, self.sigma = self.sigma, _spread(end.point)
             if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
                 break
-        self.start = end.point.values
         return end
 
     def _begin_rise(self, plain: GrayPoint, low: Sequence[str], held: Mapping[str, float]) -> None:
@@ -101,21 +108,24 @@ class _Search:
         self.unknowns |= make_unknowns(self.case.variant.parameters, low, scales, request, limits)
         free = [*plain.problem.free, *(self.unknowns[n] for n in low)]
         problem = replace(plain.problem, free=free)
-        starts: list[tuple[Values, Sequence[FloatArray]]] = []
+        points = []
         for speed in np.geomspace(slowest, fastest, _SPEEDS + 2)[1:-1]:
             for share in _SHARES:
                 begin = {"stribeck": share * dry, "stribeck_speed": float(speed)}
                 begin = {n: request.start.get(n, held.get(n, begin[n])) for n in STRIBECK}
                 if "coulomb" not in held:
                     begin["coulomb"] = (1.0 - share) * plain.values["coulomb"]
-                starts.append(({**plain.values, **begin}, plain.initial))
-        best = _best_end(problem, starts)
+                points.append(replace(plain, problem=problem, values={**plain.values, **begin}))
+        for steps, most in _ROUNDS:
+            ends = (solve_gray_box(problem, s.values, s.initial, max_iterations=steps)
+                    for s in points)  # fmt: skip
+            points = sorted((end.point for end in ends), key=lambda s: s.cost)[:most]
+        best = points[0]
+        # with all else first at another speed, or the search slides back
+        there = replace(problem, free=[u for u in free if u.name != "stribeck_speed"])
         for factor in _BESIDE if "stribeck_speed" in low else ():
-            speed = factor * best.values["stribeck_speed"]
-            other = {**best.values, "stribeck_speed": speed}
-            # all else first, or the search slides back
-            held_there = replace(problem, free=[u for u in free if u.name != "stribeck_speed"])
-            side = solve_gray_box(held_there, other, best.initial, max_iterations=_SIDE_STEPS).point
+            other = {**best.values, "stribeck_speed": factor * best.values["stribeck_speed"]}
+            side = solve_gray_box(there, other, best.initial, max_iterations=_SIDE_STEPS).point
             end = solve_gray_box(problem, side.values, side.initial, max_iterations=_SIDE_STEPS)
             best = min(best, end.point, key=lambda s: s.cost)
         self.start = best.values
@@ -145,23 +155,14 @@ class _Search:
         return []
 
 
-def _best_end(
-    problem: GrayProblem, starts: Sequence[tuple[Values, Sequence[FloatArray]]]
-) -> GrayPoint:
-    """Search from every start for a few steps, and go on with those that got farthest."""
-    for steps, most in _ROUNDS:
-        ends = [solve_gray_box(problem, *s, max_iterations=steps).point for s in starts]
-        ends.sort(key=lambda s: s.cost)
-        starts = [(s.values, s.initial) for s in ends[:most]]
-    return ends[0]
-
-
 def _solved(point: GrayPoint) -> Solved:
     """Values and covariance; nothing is known of a bulk modulus at its bound."""
     names, matrix = point.problem.names, point.uncertainty.covariance.copy()
     if "bulk_modulus" in names:
         k = names.index("bulk_modulus")
-        matrix[k, k] = np.inf if point.active[k] else matrix[k, k]
+        at = point.problem.free[k]
+        if not at.low < point.values["bulk_modulus"] < at.high:
+            matrix[k, k] = np.inf
     return Solved(point.values, names, matrix, point.uncertainty.degrees)
 
 
@@ -203,7 +204,10 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,
-        NoiseModel(matrix), jacobians=_jacobians(point),
+        NoiseModel(matrix), jacobians=[
+            dict(zip(CHANNELS, point.problem.sigma[:, None, None] * j.reshape(3, log.samples, -1)))
+            for log, j in zip(point.problem.logs, point.jacobian)
+        ],
         simulate_near=Nearby(point, [(e.log, e.name) for e in case.experiments]),
         derived={**gains, **_resonance(case, solved)},
         notices=notices,
@@ -217,52 +221,49 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     )  # fmt: skip
 
 
-def _jacobians(point: GrayPoint) -> list[dict[str, FloatArray]]:
-    """Derivatives of every measured channel of every log by the free parameters, ``(n, q)``."""
-    out = []
-    for log, rows in zip(point.problem.logs, point.jacobian):
-        parts = rows.reshape(len(log.channels), log.samples, -1)
-        sigma = point.problem.sigma
-        out.append({CHANNELS[c]: sigma[c] * part for c, part in zip(log.channels, parts)})
-    return out
+@dataclass(frozen=True)
+class Nearby:
+    """Simulation of the fitted runs with slightly other inputs, values or options.
+
+    Initial states are taken to first order, which takes an eighth of a search for them.
+    ``runs`` are log and name of each fitted one.
+    """
+
+    fit: GrayPoint
+    runs: Sequence[tuple[int, str]]
+
+    def __call__(
+        self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
+    ) -> list[Simulated]:
+        """Simulate some of the fitted runs, or their beginnings; see `.Family.simulate`."""
+        values = with_speed(plant.numbers, moving_speeds(self.fit))
+        box = replace(self.fit.problem.box, machine=read_machine(plant.options, (1, 2)))
+        return [self._run(e, box, values) for e in experiments]
+
+    def _run(self, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
+        k, problem = self.runs.index((e.log, e.name)), self.fit.problem
+        command = problem.logs[k].command.copy()
+        command[: e.samples - 1] = mean_command(e)  # of a beginning
+        change = self.fit.change(k, command, box, values).reshape(3, -1)
+        channels = self.fit.states[k].T[:3] + change * problem.sigma[:, None]
+        simulated = dict(zip(CHANNELS, channels[:, : e.samples]))
+        return Simulated(simulated.pop(CHANNELS[-1]), also=simulated)
 
 
-def _start(case: Case, first: Values) -> tuple[dict[str, float], dict[str, float]]:
-    """Start values from the flow balance, and the sizes of the friction."""
+def _friction_sizes(case: Case) -> dict[str, float]:
+    """Friction to begin with: 1 % of the largest force, at the mean speed for the viscous one."""
     machine = case.machine
     force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
     speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in case.experiments]
-    speed = max(float(np.mean(speeds)), 1e-6)
-    values = scales = {"viscous": force / speed, "coulomb": force}
-    if case.friction.moving.sum() >= 8:
-        found = fit_friction(case, lenient=True)[0].values
-        values = {n: found[n] for n in scales}
-        scales = {n: max(v, scales[n]) for n, v in values.items()}
-    start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first, **values}
-    start["bulk_modulus"] = float(np.clip(first["bulk_modulus"], 2e8, 3e9))
-    return {**start, **{n: v for n, v in case.request.start.items() if n in start}}, scales
-
-
-def _noise(experiments: Sequence[Experiment]) -> FloatArray:
-    """Noise of the three channels, with a floor [Pa, Pa, m]."""
-
-    def noise(e: Experiment, role: str) -> float:
-        least = max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
-        return noise_floor(e[role], 2) + least
-
-    found = ([noise(e, role) for e in experiments if role in e] for role in CHANNELS)
-    return np.array([max(values, default=1.0) for values in found])
+    return {"viscous": force / max(float(np.mean(speeds)), 1e-6), "coulomb": force}
 
 
 def _spread(point: GrayPoint) -> FloatArray:
     """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
-    total, count = np.zeros(3), np.zeros(3)
-    for log, states in zip(point.problem.logs, point.states):
-        rows = list(log.channels)
-        total[rows] += np.sum((log.measured - states.T[rows]) ** 2, axis=1)
-        count[rows] += log.samples
-    spread = np.sqrt(total / np.maximum(count, 1.0))
-    return np.where(spread > 0.0, spread, point.problem.sigma)
+    rows = np.hstack([r.reshape(3, -1) for r in point.residuals])
+    sigma = point.problem.sigma
+    spread = sigma * np.sqrt(np.mean(rows**2, axis=1))
+    return np.where(spread > 0.0, spread, sigma)
 
 
 def _resonance(case: Case, solved: Solved) -> dict[str, Quantity]:

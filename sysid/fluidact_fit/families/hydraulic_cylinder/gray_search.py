@@ -9,16 +9,27 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.converter_errors import codes_matter, noise_beside
-from ...estimation.least_squares import column_scales, orthonormal, without
+from ...estimation.least_squares import orthonormal, without
 from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
+from ...estimation.noise import noise_floor
 from ...estimation.problem import Unknown, bounds_of
-from ...estimation.uncertainty import Uncertainty, enlarge, score_covariance, with_codes
-from ...experiment import BoolArray, FloatArray
+from ...estimation.uncertainty import (
+    Uncertainty,
+    enlarge,
+    inverse_information,
+    score_covariance,
+    with_codes,
+)
+from ...experiment import FloatArray
 from .gray_box import SLOPES, GrayBox, GrayLog
 
 _TOLERANCE = 1e-2  # standard errors
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
+_DRAWS = 16  # of noise on a command
+_SEEN = 0.5  # share of the noise that the machine did not see: certainly less, and it saw it
+_SURE = 3.0  # standard errors
+_SPAN = 5  # samples of the median that takes the noise off a command
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 
@@ -26,7 +37,8 @@ STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 class GrayProblem:
     """Problem of a search: the machine and its logs, the free parameters, weights.
 
-    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
+    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m], infinite
+    where a channel does not count.
     """
 
     box: GrayBox
@@ -41,33 +53,16 @@ class GrayProblem:
 
     @property
     def rows(self) -> int:
-        """Number of residuals."""
-        return sum(log.measured.size for log in self.logs)
-
-    def residuals(self, log: GrayLog, states: FloatArray) -> FloatArray:
-        """Weighted residuals of a log, channel after channel."""
-        measured = log.measured / self.sigma[list(log.channels), None]
-        return measured.ravel() - self.weighted(log, states)
-
-    def weighted(self, log: GrayLog, states: FloatArray) -> FloatArray:
-        """Measured channels of states ``(n, 4)``, weighted, channel after channel."""
-        channels = list(log.channels)
-        return (states.T[channels] / self.sigma[channels, None]).ravel()
-
-    def jacobian(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
-        """Derivatives of the weighted channels by the initial state, scaled, and the parameters."""
-        columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.names)]
-        slopes = self.box.slopes(log, initial, values)
-        rows = np.concatenate([slopes[:, c, columns] / self.sigma[c] for c in log.channels])
-        rows[:, :4] *= STATE_SCALE
-        return rows
+        """Number of residuals that count."""
+        return int(np.isfinite(self.sigma).sum()) * sum(log.samples for log in self.logs)
 
 
 @dataclass(frozen=True)
 class GrayPoint:
     """All logs simulated with some parameters from some initial states.
 
-    ``values`` holds all parameters [SI], ``initial`` the state of every log at its beginning.
+    ``values`` holds all parameters [SI], ``initial`` the state of every log at its beginning. Rows
+    of a log are its channels, one after the other, each divided by its ``sigma``.
     """
 
     problem: GrayProblem
@@ -83,9 +78,15 @@ class GrayPoint:
 
     @cached_property
     def residuals(self) -> list[FloatArray]:
-        """Weighted residuals of every log, channel after channel, ``(c n,)`` each."""
+        """Weighted residuals of every log, ``(3 n,)`` each."""
         with np.errstate(all="ignore"):
-            return [self.problem.residuals(*pair) for pair in zip(self.problem.logs, self.states)]
+            return [
+                self._weighted(log.measured - states.T[:3])
+                for log, states in zip(self.problem.logs, self.states)
+            ]
+
+    def _weighted(self, channels: FloatArray) -> FloatArray:
+        return (channels / self.problem.sigma[:, None]).ravel()
 
     @cached_property
     def cost(self) -> float:
@@ -96,9 +97,15 @@ class GrayPoint:
 
     @cached_property
     def slopes(self) -> list[FloatArray]:
-        """Slopes of every log by initial state and parameters; see `GrayProblem.jacobian`."""
-        pairs = zip(self.problem.logs, self.initial)
-        return [self.problem.jacobian(log, x, self.values) for log, x in pairs]
+        """Derivatives of the rows by initial state, scaled, and parameters, ``(3 n, 4 + p)``."""
+        columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.problem.names)]
+        out = []
+        for log, x in zip(self.problem.logs, self.initial):
+            found = self.problem.box.slopes(log, x, self.values)
+            rows = np.vstack([found[:, c, columns] / s for c, s in enumerate(self.problem.sigma)])
+            rows[:, :4] *= STATE_SCALE
+            out.append(rows)
+        return out
 
     @cached_property
     def start_basis(self) -> list[FloatArray]:
@@ -110,61 +117,45 @@ class GrayPoint:
 
     @cached_property
     def jacobian(self) -> list[FloatArray]:
-        """Slopes by the free parameters, initial states projected out, ``(c n, p)`` each."""
+        """Slopes by the free parameters, initial states projected out, ``(3 n, p)`` each."""
         return [without(q, j[:, 4:]) for q, j in zip(self.start_basis, self.slopes)]
 
-    @property
-    def active(self) -> BoolArray:
-        """Mask of the free parameters at a bound, ``(p,)``."""
-        inside = [u.low < self.values[u.name] < u.high for u in self.problem.free]
-        return ~np.array(inside, dtype=bool)
+    def change(
+        self, k: int, command: FloatArray, box: GrayBox | None = None, values: Values | None = None
+    ) -> FloatArray:
+        """Change of the rows of a log by its command or more, less what its start explains."""
+        log = replace(self.problem.logs[k], command=command)
+        moved = (box or self.problem.box).simulate(log, self.initial[k], values or self.values)
+        return without(self.start_basis[k], self._weighted((moved - self.states[k]).T[:3]))
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """Covariance of the free parameters; the channels of a log share their errors.
 
         No variance is less than that of white residuals: what a few hundred instants show of
-        their errors is less than there was, because the fit went after them.
+        their errors is less than there was, because the fit went after them. Errors of a converter
+        are added where they matter: a piston at rest is read with one error all the time, which
+        the scores of two logs hardly show.
         """
-        channels = [
-            [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
-            for log in self.problem.logs
-        ]
+        problem = self.problem
+        channels = [[slice(k * n.samples, (k + 1) * n.samples) for k in range(3)]
+                    for n in problem.logs]  # fmt: skip
         by_scores = score_covariance(self.jacobian, self.residuals, channels)
-        white = np.diag(self.bread) * self.cost / self.problem.rows
-        total = enlarge(by_scores.covariance, white)
-        for channel in range(len(self.problem.sigma)):
-            total = self._with_codes(channel, total)
+        total = enlarge(by_scores.covariance, np.diag(self.bread) * self.cost / problem.rows)
+        for k, sigma in enumerate(problem.sigma):
+            jacobian = [j[rows[k]] for j, rows in zip(self.jacobian, channels)]
+            residuals = [r[rows[k]] for r, rows in zip(self.residuals, channels)]
+            readings = [(log.measured[k] / sigma, log.codes[k] / sigma) for log in problem.logs]
+            spread = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+            if codes_matter(jacobian, readings, self.bread, total, spread):
+                noise = noise_beside(readings, spread)
+                total = with_codes(total, jacobian, residuals, readings, self.bread, noise)
         return replace(by_scores, covariance=total)
-
-    def _with_codes(self, channel: int, total: FloatArray) -> FloatArray:
-        """The covariance with the errors of the converter of a channel, where they matter.
-
-        A piston at rest is read with one error all the time, which the scores of two logs hardly
-        show.
-        """
-        sigma = self.problem.sigma[channel]
-        parts = [
-            (j[k * log.samples : (k + 1) * log.samples], r[k * log.samples : (k + 1) * log.samples],
-             (log.measured[k] / sigma, log.codes[k] / sigma))
-            for log, j, r in zip(self.problem.logs, self.jacobian, self.residuals, strict=True)
-            if channel in log.channels and log.codes for k in [log.channels.index(channel)]
-        ]  # fmt: skip
-        if not parts:
-            return total
-        jacobian, residuals, readings = zip(*parts, strict=True)
-        spread = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
-        if not codes_matter(jacobian, readings, self.bread, total, spread):
-            return total
-        noise = noise_beside(readings, spread)
-        return with_codes(total, jacobian, residuals, readings, self.bread, noise)
 
     @cached_property
     def bread(self) -> FloatArray:
         """``inv(J'J)`` of the free parameters, ``(p, p)``."""
-        j = np.vstack(self.jacobian)
-        scale = column_scales(j)
-        return np.asarray(np.linalg.pinv((j / scale).T @ (j / scale)) / np.outer(scale, scale))
+        return inverse_information(np.vstack(self.jacobian))[0]
 
 
 def solve_gray_box(
@@ -189,9 +180,7 @@ def solve_gray_box(
     """
     moving = list(initial or [log.guess[0] for log in problem.logs])
     starts = [GrayPoint(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
-    if problem.free:
-        starts = [min(starts, key=lambda s: s.cost)]
-    best = min((_descend(s, max_iterations) for s in starts), key=lambda m: m.point.cost)
+    best = _descend(min(starts, key=lambda s: s.cost), max_iterations)
     if not np.isfinite(best.point.cost):
         raise np.linalg.LinAlgError("the simulation leaves every measured range")
     end = best.point
@@ -254,3 +243,32 @@ def moving_speeds(point: GrayPoint) -> FloatArray:
     if not v.any():
         v = np.concatenate([log.guess[:, 3] for log in point.problem.logs])
     return np.asarray(v[v != 0.0])
+
+
+def command_noise(point: GrayPoint) -> tuple[FloatArray, float]:
+    """Covariance of the free parameters by noise on the command, ``(p, p)``, from draws of it.
+
+    Returned as well is the largest standard deviation found on the command of a log [V]. A log
+    whose residuals show that the machine followed that noise counts for nothing: estimated beside
+    the parameters is the share that it did not follow of what a running median takes off. See
+    ``docs/theory/hydraulic-cylinder.md``.
+    """
+    from scipy.ndimage import median_filter
+
+    rng, bread = np.random.default_rng(0), point.bread
+    total, most = np.zeros_like(bread), 0.0
+    for k, log in enumerate(point.problem.logs):
+        noise = noise_floor(log.command, 4)
+        if noise == 0.0:
+            continue
+        column = point.change(k, median_filter(log.command, _SPAN, mode="nearest"))
+        own = point.jacobian[k].T @ column
+        size = max(float(column @ column - own @ bread @ own), 1e-300)
+        share = float(column @ point.residuals[k]) / size
+        if share + _SURE / np.sqrt(size) < _SEEN:
+            continue
+        most = max(most, noise)
+        draws = noise * rng.standard_normal((_DRAWS, log.command.size))
+        scores = [bread @ (point.jacobian[k].T @ point.change(k, log.command + d)) for d in draws]
+        total += np.transpose(scores) @ scores / _DRAWS
+    return total, most

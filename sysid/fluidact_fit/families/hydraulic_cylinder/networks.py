@@ -103,20 +103,19 @@ def _quiet_windows(case: Case) -> list[Windows]:
     The mean flow belongs to the mean command only while the command stays on one side of an
     edge of the dead zone.
     """
-    windows = case.cut(overlap=8)
+    windows, out = case.cut(overlap=8), []
     most = 0.03 * max(float(np.abs(w.command).max()) for w in windows)
-    out = []
     for w in windows:
-        spread = np.array([np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)])
-        out.append(w.chosen(spread <= most))
+        spread = [np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)]
+        out.append(w.chosen(np.array(spread) <= most))
     return [w for w in out if w.first.size]
 
 
 def _held_out(case: Case, w: Windows) -> BoolArray:
     """Windows that judge: the last of three logs or more, else the last quarter of each log."""
     if len(case.experiments) > 2:
-        return np.full(w.first.size, w.experiment == len(case.experiments) - 1)
-    return np.asarray(w.first >= 0.75 * case.experiments[w.experiment].samples)
+        return np.full(w.first.size, w.index == len(case.experiments) - 1)
+    return np.asarray(w.first >= 0.75 * w.experiment.samples)
 
 
 def _near_zero(windows: Sequence[Windows], values: Values) -> float:
@@ -143,8 +142,8 @@ def _flow_network(
     net = _train(inputs[rows], flow[rows], _HIDDEN["flow"], case.request.seed)
     tests = [w.chosen(h) for w, h in zip(windows, held)]
     inputs, flow = _flow_rows(tests, values)
-    law = np.concatenate([w.flow(values, case.machine) for w in tests])
-    errors = {"orifice": law - flow, "network": net(inputs) - flow}
+    law = np.concatenate([w.modelled(values) - w.motion for w in tests])
+    errors = {"orifice": law, "network": net(inputs) - flow}
     words = "near zero command", "away from zero command"
     return net, _compare(np.abs(inputs[:, 0]), near, errors, words, "m3/s")
 
@@ -198,8 +197,6 @@ def flow_curve(case: Case, parameters: Mapping[str, Value]) -> PhysicsView | Non
     flow of a window exceeds that of the equations at its own pressure by. ``None`` where no window
     has a steady command.
     """
-    if not case.chambers:
-        return None
     chamber, values = case.chambers[0], scalars(parameters)
     windows = [w for w in _quiet_windows(case) if w.chamber == chamber]
     if not windows:

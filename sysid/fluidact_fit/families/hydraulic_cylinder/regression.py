@@ -58,30 +58,25 @@ def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
 def not_shown(case: Case) -> list[Refusal]:
     """Parameters of a direction in which the valve is never opened, or only wide open."""
     levels = np.concatenate([w.mean_command for w in case.windows])
-    out: list[Refusal] = []
+    out: dict[str, str] = {}
     near = 0.25 * float(np.abs(levels).max())
     for way, (sign, word) in enumerate(((1.0, "positive"), (-1.0, "negative"))):
-        side = sign * levels[sign * levels > 0.0]
-        edge, losses = f"dead_zone_{word}", {c: LOSSES[c][way] for c in case.chambers}
+        side, edge = sign * levels[sign * levels > 0.0], f"dead_zone_{word}"
         if not side.size:
             reason = f"no usable part of the logs has a {word} command."
-            out += [Refusal(n, reason) for n in (edge, *losses.values())]
+            out |= dict.fromkeys([edge, *(LOSSES[c][way] for c in case.chambers)], reason)
             continue
         if side.min() > near:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
-            out.append(Refusal(edge, reason))
-        reason = f"all {word} commands are the same: gain and loss cannot be told apart."
-        out += [Refusal(n, reason) for c, n in losses.items() if _one_level(case, c, sign)]
-    return [r for r in out if r.parameter not in case.request.fixed]
-
-
-def _one_level(case: Case, chamber: int, sign: float) -> bool:
-    """Return whether the windows of a chamber have only one size of command of a sign."""
-    levels = [sign * w.mean_command for w in case.windows if w.chamber == chamber]
-    size = np.concatenate(levels) if levels else np.zeros(0)
-    size = size[size > 0.0]
-    return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
+            out[edge] = reason
+        for c in case.chambers:
+            own = [sign * w.mean_command for w in case.windows if w.chamber == c]
+            size = np.concatenate([u[u > 0.0] for u in own]) if own else side[:0]
+            if size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05):
+                reason = f"all {word} commands are the same: gain and loss cannot be told apart."
+                out[LOSSES[c][way]] = reason
+    return [Refusal(n, reason) for n, reason in out.items() if n not in case.request.fixed]
 
 
 def fit_flow(case: Case, lenient: bool) -> Fitted:
@@ -90,9 +85,8 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
     names = tuple(unknowns)
 
     def columns(index: int, values: Values) -> Basis:
-        flow = windows[index].modelled(values, case.machine)
-        empty = np.zeros((flow.size, 0))
-        return Basis(flow, empty, empty)
+        empty = np.zeros((windows[index].first.size, 0))
+        return Basis(windows[index].modelled(values), empty, empty)
 
     model = NamedModel(
         names, (), columns, [w.motion for w in windows],
@@ -103,10 +97,9 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         shares = {"dead_zone_negative": -edge, "dead_zone_positive": edge}
         shares |= {n: loss for n in names if n.startswith("line_loss")}
         starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
+    sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
     if lenient:
         sensible = dict.fromkeys(names, np.inf)
-    else:
-        sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
     return fit_named(
         model, case.variant.parameters, case.request, unknowns, starts,
         refusals=not_shown(case), sensible=sensible,
@@ -127,17 +120,15 @@ def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | N
     """One Gauss-Newton step from the common gain, to which the flow is nearly proportional."""
     name = f"valve_gain_{chamber}"
     moved = {**values, name: values[name] * (1.0 + 1j * STEP)}
-    residuals: list[FloatArray] = []
-    slopes: list[FloatArray] = []
-    for w in case.windows:
-        chosen = sign * w.mean_command > 0.0
-        if w.chamber == chamber and chosen.any():
-            model = w.modelled(moved, case.machine)[chosen]
-            residuals.append(w.motion[chosen] - np.real(model))
-            slopes.append(np.imag(model) / STEP)
+    pairs = [
+        (w.modelled(moved)[chosen], w.motion[chosen])
+        for w in case.windows
+        if w.chamber == chamber and (chosen := sign * w.mean_command > 0.0).any()
+    ]
+    slopes = [np.imag(model) / STEP for model, _ in pairs]
     if sum(s.size for s in slopes) < 5 or not any(s.any() for s in slopes):
         return None
-    share, error, degrees = _proportional(slopes, residuals)
+    share, error, degrees = _proportional(slopes, [y - np.real(model) for model, y in pairs])
     value, se = values[name] * (1.0 + share), values[name] * error
     half = t_quantile(0.975, degrees) * se
     return Quantity(value, GAIN_UNIT, "derived", se, [value - half, value + half], "wald")
@@ -155,15 +146,15 @@ def _proportional(
     return found.values["factor"], found.std_error("factor"), found.degrees
 
 
-def fit_friction(case: Case, lenient: bool = False) -> tuple[Solved, list[Notice]]:
+def fit_friction(case: Case) -> tuple[Solved, list[Notice]]:
     """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
     rows, fixed = case.friction, case.request.fixed
     v, f = rows.speed[rows.moving], rows.force[rows.moving]
     f = f - FrictionLaw.of({n: fixed.get(n, 0.0) for n in STRIBECK}).moving(v)
-    both = not lenient and (v > 0.0).any() and (v < 0.0).any()
+    both = (v > 0.0).any() and (v < 0.0).any()
     size = max(float(np.abs(f).max()), 1e-300)
     scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
-    sensible = {n: np.inf if lenient else 0.5 * s for n, s in scales.items()}
+    sensible = {n: 0.5 * s for n, s in scales.items()}
     specs = {s.name: s for s in case.variant.parameters if s.name in scales}
     limits = {n: case.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
     columns = {"viscous": v, "coulomb": np.sign(v), "offset": np.ones(v.size)}

@@ -6,7 +6,7 @@ no division; see :func:`.mechanics.hydraulic_cylinder.orifice_flow`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,7 +48,7 @@ class CylinderRoutines:
     values: Mapping[int, Mapping[str, float]]
     known: Mapping[str, Argument]
     law: FrictionLaw
-    networks: Mapping[str, Network | None]
+    networks: Mapping[str, Network]
 
     def all(self) -> Sequence[Routine]:
         """Return every routine that the file has the numbers for."""
@@ -56,7 +56,8 @@ class CylinderRoutines:
         found = [self._flow(i) for i in chambers]
         if chambers:
             found += [self._speed(chambers), self._command(chambers)]
-        return (*found, self._friction(), *self._network_routines())
+        networks = (self._network(name, net) for name, net in self.networks.items())
+        return (*found, self._friction(), *networks)
 
     def flows(self) -> tuple[Routine, Routine]:
         """Return the flows of both chambers, named as those of a plant."""
@@ -81,19 +82,14 @@ class CylinderRoutines:
             flow = flow - (sqrt(h * h + maximum(-drop, 0.0)) - h)
         return k * flow
 
-    def _flow_value(self, draft: Draft, chamber: int, u: Expression, p: Expression) -> Expression:
-        there = draft.let(f"forward_{chamber}", self._one_way(chamber, u, p, True))
-        back = draft.let(f"backward_{chamber}", self._one_way(chamber, u, p, False))
-        return there - back
-
     def _flow(self, chamber: int) -> Routine:
-        draft = Draft(
-            f"flow_{chamber}",
-            "Flow into chamber 1." if chamber == 1 else "Flow out of chamber 2.", "m3/s",
-        )  # fmt: skip
+        about = "Flow into chamber 1." if chamber == 1 else "Flow out of chamber 2."
+        draft = Draft(f"flow_{chamber}", about, "m3/s")
         u = draft.argument(self.known["command"])
         p = draft.argument(self.known[f"pressure_{chamber}"])
-        return draft.returns(self._flow_value(draft, chamber, u, p))
+        there = draft.let(f"forward_{chamber}", self._one_way(chamber, u, p, True))
+        back = draft.let(f"backward_{chamber}", self._one_way(chamber, u, p, False))
+        return draft.returns(there - back)
 
     def _take(self, draft: Draft, chambers: Sequence[int]) -> dict[int, Expression]:
         return {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}
@@ -148,34 +144,26 @@ class CylinderRoutines:
         return draft.returns(by_sign(speed, *ends))
 
     def _friction(self) -> Routine:
-        most = 0.0
-        for i in self.values:
-            if f"pressure_{i}" in self.known:
-                most = max(most, self._fastest(i, True), self._fastest(i, False))
+        seen = [i for i in self.values if f"pressure_{i}" in self.known]
+        most = max((self._fastest(i, way) for i in seen for way in (True, False)), default=0.0)
         draft = Draft("friction", "Friction of the moving piston.", "N")
         v = draft.argument(
             Argument("velocity", "m/s", "speed of the piston", -most, most, recorded=False)
         )
         return draft.returns(self.law.routine_value(v))
 
-    def _network_routines(self) -> Iterator[Routine]:
-        for name, net in self.networks.items():
-            if net is None:
-                continue
-            about = f"{name.replace('_', ' ').capitalize()} by the network of the file."
-            draft = Draft(f"{name}_network", about, "N" if name == "friction" else "m3/s")
-            chamber = name.removeprefix("flow_")
-            if name == "friction":
-                (of,) = (a for a in self._friction().arguments)
-                inputs = [draft.argument(of)]
-            else:
-                taken = (self.known["command"], self.known[f"pressure_{chamber}"])
-                inputs = [draft.argument(a) for a in taken]
-            first = net.weights_1 / net.input_scale
-            shifted = net.biases_1 - first @ net.input_offset
-            layer = draft.layer("layer_1", first, shifted, inputs, "relu")
-            last = draft.layer(
-                "layer_2", net.output_scale * net.weights_2,
-                net.output_offset + net.output_scale * net.biases_2, layer, "linear",
-            )  # fmt: skip
-            yield draft.returns(last[0])
+    def _network(self, name: str, net: Network) -> Routine:
+        about = f"{name.replace('_', ' ').capitalize()} by the network of the file."
+        draft = Draft(f"{name}_network", about, "N" if name == "friction" else "m3/s")
+        if name == "friction":
+            of: Sequence[Argument] = self._friction().arguments
+        else:
+            of = self.known["command"], self.known[f"pressure_{name.removeprefix('flow_')}"]
+        first = net.weights_1 / net.input_scale
+        shifted = net.biases_1 - first @ net.input_offset
+        layer = draft.layer("layer_1", first, shifted, [draft.argument(a) for a in of], "relu")
+        last = draft.layer(
+            "layer_2", net.output_scale * net.weights_2,
+            net.output_offset + net.output_scale * net.biases_2, layer, "linear",
+        )  # fmt: skip
+        return draft.returns(last[0])

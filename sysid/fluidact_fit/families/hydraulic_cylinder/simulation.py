@@ -7,13 +7,12 @@ pressures open but for their balance; see :meth:`.Machine.at_rest`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...errors import LogError, UsageError
 from ...estimation.named_model import Values
-from ...experiment import Experiment, FloatArray, Signal
+from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import Machine
@@ -24,6 +23,7 @@ from .options import HydraulicCylinderOptions
 from .windows import cut_windows, mean_flow
 
 _NAME = "hydraulic-cylinder"
+_LEFT = 0.02  # of a dead volume: on less oil a simulated piston stands still or runs away
 
 
 def simulate_runs(
@@ -61,9 +61,9 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
     chambers = [i for i in known if f"pressure_{i}" in e]
     if not chambers:
         raise _no_pressure(e, known)
-    if "position" not in e:
-        return _flow_from_rest(e, chambers[0], machine, values, options)
-    return Simulated(_over_windows(e, chambers, machine, values, options.window or 0.0))
+    if "position" in e:
+        return Simulated(_over_windows(e, chambers, machine, values, options.window or 0.0))
+    return Simulated(_flow_from_rest(e, chambers[0], machine, values, options.rest_position or 0.0))
 
 
 def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
@@ -93,37 +93,34 @@ def _all_states(
     fall, viscous = FrictionLaw.of(values).fall, values["viscous"]
     if "position" in e:
         log = make_gray_log(e, machine)
-        sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
+        sigma = np.array([
+            getattr(options, f"residual_{c}") or 1.0 if c in e else np.inf for c in CHANNELS
+        ])  # fmt: skip
         box = GrayBox.following([log], machine, viscous, fall)
         return solve_gray_box(GrayProblem(box, [log], (), sigma), values).point.states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
-    log = GrayLog(
-        mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
-        np.tile(rest, (e.samples, 1)),
-    )  # fmt: skip
+    guess, nothing = np.tile(rest, (e.samples, 1)), np.zeros((3, e.samples))
+    log = GrayLog(mean_command(e), np.diff(e.time), nothing, guess)
     box = GrayBox.following([log], machine, viscous, fall)
-    states, step = box.simulate(log, rest, values), float(np.max(log.step))
-    least = [box.least_volume(i, step, values) for i in (1, 2)]
-    _require_oil(e, machine, states[:, 2], least)
+    with np.errstate(all="ignore"):  # it runs away where a chamber holds too little oil
+        states = box.simulate(log, rest, values)
+    _require_oil(e, machine, states[:, 2])
     return states
 
 
-def _require_oil(
-    e: Experiment, machine: Machine, position: FloatArray, least: Sequence[float] = (0.0, 0.0)
-) -> None:
-    """Refuse a run in which the piston uses up a chamber, but for the ``least`` volumes [m3]."""
+def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
+    """Refuse a run in which the piston uses up a chamber, or runs away."""
     full = np.isfinite(position)
-    for chamber, left in zip((1, 2), least):
-        if machine.dead_volume(chamber) is not None:
-            full &= machine.volume(chamber, position) > left
+    for chamber in (1, 2):
+        if (dead := machine.dead_volume(chamber)) is not None:
+            full &= machine.volume(chamber, position) > _LEFT * dead
     if not full.all():
         first = int(np.argmin(full))
         raise UsageError(
             f"from {e.time[first]:.3g} s on the piston would be beyond where a chamber holds oil, "
-            "or holds too little for a step from sample to sample to follow it, "
             f"and {_NAME} knows no end of the stroke.",
             where=e.name,
-            remedy="Choose a shorter --duration or a smaller command, or sample more finely; a log "
+            remedy="Choose a shorter --duration or a smaller command; a log "
             "has to hold the position, which drifts away when it is integrated for long.",
         )
 
@@ -137,7 +134,7 @@ def _over_windows(
     """
     out = np.full(e.samples, np.nan)
     for w in cut_windows([e], sorted(chambers, reverse=True), machine, length):  # chamber 1 wins
-        moved = w.modelled(values, machine) * w.duration / machine.area(w.chamber)
+        moved = w.modelled(values) * w.duration / machine.area(w.chamber)
         gaps = np.flatnonzero(w.first[1:] != w.last[:-1]) + 1
         for windows in np.split(np.arange(w.first.size), gaps):
             knots = np.append(w.first[windows[0]], w.last[windows])
@@ -149,25 +146,15 @@ def _over_windows(
 
 
 def _flow_from_rest(
-    e: Experiment, chamber: int, machine: Machine, values: Values, options: HydraulicCylinderOptions
-) -> Simulated:
-    """Position by integrating the flow of one chamber from beginning to end.
-
-    Claimed are the samples that would be fitted if the position were measured so.
-    """
+    e: Experiment, chamber: int, machine: Machine, values: Values, start: float
+) -> FloatArray:
+    """Position by integrating the flow of one chamber from beginning to end."""
     u, p, area = e.sampled("command"), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
     moved = np.real(mean_flow(chamber, u[:-1], p, values, machine)) * np.diff(e.time) / area
-    start = options.rest_position or 0.0
     y = start + np.append(0.0, np.cumsum(moved))
     beta = values.get("bulk_modulus")
     for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed
         oil = machine.swelling(chamber, y, p) / beta
         y = start + np.append(0.0, np.cumsum(moved + oil / area))
     _require_oil(e, machine, y)
-    position = Signal("position", e.time, y, "m")
-    as_measured = replace(e, signals={**e.signals, "position": position})
-    used = np.zeros(e.samples, dtype=bool)
-    for w in cut_windows([as_measured], [chamber], machine, options.window or 0.0):
-        for a, b in zip(w.first, w.last):
-            used[a : b + 1] = True
-    return Simulated(y, used)
+    return y

@@ -23,38 +23,61 @@ Rows = npt.NDArray[np.intp]
 class Windows:
     """Flow balance of one chamber (1 or 2) of one experiment, by its index, over short windows.
 
-    Attributes
-    ----------
-    first, last, duration : (m,)
-        First and last sample of every window, and the time between them [s].
-    motion : (m,)
-        ``A dy / duration``: flow that moves the piston [m3/s].
-    swelling : (m,)
-        ``-+ int V dp / duration`` [m3 Pa/s]: ``motion = Q + swelling / beta``. Zero where the
-        dead volume is not known.
-    command, step, pressure : (n - 1,), (n - 1,), (n,)
-        Held command [V] and length [s] of every interval of the log, pressure at its ends [Pa].
+    ``first`` holds the first sample of every window, ``(m,)``, each of ``samples`` intervals.
     """
 
-    experiment: int
+    index: int
+    experiment: Experiment
     chamber: int
+    machine: Machine
     first: Rows
-    last: Rows
-    duration: FloatArray
-    motion: FloatArray
-    swelling: FloatArray
-    command: FloatArray
-    step: FloatArray
-    pressure: FloatArray
+    samples: int
 
-    def chosen(self, rows: BoolArray | slice) -> Windows:
+    def chosen(self, rows: BoolArray) -> Windows:
         """Some of the windows."""
-        names = ("first", "last", "duration", "motion", "swelling")
-        return replace(self, **{n: getattr(self, n)[rows] for n in names})
+        return replace(self, first=self.first[rows])
+
+    @property
+    def last(self) -> Rows:
+        """Last sample of every window."""
+        return self.first + self.samples
+
+    @property
+    def duration(self) -> FloatArray:
+        """Time from first to last sample [s]."""
+        return self.experiment.time[self.last] - self.experiment.time[self.first]
+
+    @cached_property
+    def command(self) -> FloatArray:
+        """Held command of every interval of the log, ``(n - 1,)`` [V]."""
+        return self.experiment.sampled("command")[:-1]
+
+    @cached_property
+    def pressure(self) -> FloatArray:
+        """Pressure at the ends of the intervals, ``(n,)`` [Pa]."""
+        return self.experiment.sampled(f"pressure_{self.chamber}")
+
+    @cached_property
+    def motion(self) -> FloatArray:
+        """``A dy / duration``, ``(m,)``: flow that moves the piston [m3/s]."""
+        y = self.experiment["position"]
+        moved = self.machine.area(self.chamber) * (y[self.last] - y[self.first])
+        return np.asarray(moved / self.duration)
+
+    @cached_property
+    def swelling(self) -> FloatArray:
+        """``-+ int V dp / duration``, ``(m,)`` [m3 Pa/s]: ``motion = Q + swelling / beta``.
+
+        Zero where the dead volume is not known.
+        """
+        y = self.experiment["position"]
+        total = np.append(0.0, np.cumsum(self.machine.swelling(self.chamber, y, self.pressure)))
+        return np.asarray((total[self.last] - total[self.first]) / self.duration)
 
     def mean(self, per_interval: Array) -> Array:
         """Time average of a value per interval of the log over every window."""
-        total = np.concatenate(([0.0], np.cumsum(per_interval * self.step)))
+        step = np.diff(self.experiment.time)
+        total = np.concatenate(([0.0], np.cumsum(per_interval * step)))
         return np.asarray((total[self.last] - total[self.first]) / self.duration)
 
     @cached_property
@@ -67,15 +90,10 @@ class Windows:
         """Over every window [Pa]."""
         return self.mean(0.5 * (self.pressure[:-1] + self.pressure[1:]))
 
-    def flow(self, values: Values, machine: Machine) -> Array:
-        """Mean flow of the valve over every window, ``(m,)`` [m3/s]."""
-        return self.mean(mean_flow(self.chamber, self.command, self.pressure, values, machine))
-
-    def modelled(self, values: Values, machine: Machine) -> Array:
-        """Expected ``motion``: that flow, less what compresses the oil."""
-        flow = self.flow(values, machine)
-        beta = values.get("bulk_modulus")
-        return flow if beta is None else flow + self.swelling / beta
+    def modelled(self, values: Values) -> Array:
+        """Expected ``motion``: mean flow of the valve, less what compresses the oil, ``(m,)``."""
+        flow = mean_flow(self.chamber, self.command, self.pressure, values, self.machine)
+        return self.mean(flow) + self.swelling / values.get("bulk_modulus", np.inf)
 
 
 def mean_flow(
@@ -85,25 +103,6 @@ def mean_flow(
     ends = pressure[:-1], pressure[1:]
     before, after = (chamber_flow(chamber, command, p, values, machine) for p in ends)
     return 0.5 * (before + after)
-
-
-def window_length(experiments: Sequence[Experiment]) -> float:
-    """Length of the windows [s]: long against the noise of the position, short otherwise.
-
-    20 ms, more where the position is so noisy that it would blur the speed by over 2 %, at
-    most 0.1 s and never less than 4 samples.
-    """
-    step = max(e.sample_time for e in experiments)
-    noise, speed = 0.0, 0.0
-    for e in experiments:
-        y = e["position"]
-        noise = max(noise, noise_floor(y, 2))
-        width = max(1, round(0.05 / e.sample_time))
-        if y.size > width:
-            rate = np.abs(y[width:] - y[:-width]) / (width * e.sample_time)
-            speed = max(speed, float(np.quantile(rate, 0.98)))
-    wanted = np.sqrt(2.0) * noise / max(0.02 * speed, 1e-12)
-    return float(max(min(max(wanted, 0.02), 0.1), 4.0 * step))
 
 
 def cut_windows(
@@ -122,55 +121,38 @@ def cut_windows(
         first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
         for chamber in chambers if first.size > 1 else ():
             if f"pressure_{chamber}" in e:
-                out.append(_make_windows(e, index, chamber, machine, first, samples))
+                w = Windows(index, e, chamber, machine, first, samples)
+                out.append(w.chosen(_usable(w)))
     return [w for w in out if w.first.size]
 
 
-def _make_windows(
-    e: Experiment, index: int, chamber: int, machine: Machine, first: Rows, samples: int
-) -> Windows:
-    """Keep the windows of one chamber that begin at ``first`` and say something."""
-    y, time = e["position"], e.time
-    p, u = e.sampled(f"pressure_{chamber}"), e.sampled("command")
-    rows = first[:, None] + np.arange(samples)
-    extending, pressure = u[rows].mean(axis=1) >= 0.0, p[rows].mean(axis=1)
-    drop = machine.pressure_drop(chamber, extending, pressure)
+def _usable(w: Windows) -> BoolArray:
+    """Windows with a pressure drop at the valve; of a chamber of unknown volume steady ones."""
+    u, machine = w.experiment.sampled("command"), w.machine
+    rows = w.first[:, None] + np.arange(w.samples)
+    pressure = w.pressure[rows].mean(axis=1)
+    drop = machine.pressure_drop(w.chamber, u[rows].mean(axis=1) >= 0.0, pressure)
     kept = drop > _LEAST_DROP * (machine.supply - machine.tank)
-    if machine.dead_volume(chamber) is None:
-        kept &= _steady(e, pressure, noise_floor(p, 2), first, samples)
-    swelling = np.concatenate(([0.0], np.cumsum(machine.swelling(chamber, y, p))))
-    first = first[kept]
-    last = first + samples
-    duration = time[last] - time[first]
-    return Windows(
-        index, chamber, first, last, duration,
-        machine.area(chamber) * (y[last] - y[first]) / duration,
-        (swelling[last] - swelling[first]) / duration,
-        u[:-1], np.diff(time), p,
-    )  # fmt: skip
+    return kept & _steady(w, pressure) if machine.dead_volume(w.chamber) is None else kept
 
 
-def _steady(
-    e: Experiment, pressure: FloatArray, noise: float, first: Rows, samples: int
-) -> BoolArray:
-    """Windows amid a plateau: command held and pressure constant two windows to either side.
+def _steady(w: Windows, pressure: FloatArray) -> BoolArray:
+    """Windows amid a plateau: command held and ``pressure`` constant two windows to either side.
 
     The flow ``V/beta dp/dt`` that compresses the oil has to be below 1 % of the motion's; a
     volume of half a metre of piston area and 0.7 GPa are taken for that judgement alone.
     """
-    reach = 2 * max(samples // int(first[1] - first[0]), 1)
-    kept = np.zeros(first.size, dtype=bool)
-    if first.size <= 2 * reach:
+    reach = 2 * max(w.samples // int(w.first[1] - w.first[0]), 1)
+    kept = np.zeros(w.first.size, dtype=bool)
+    if w.first.size <= 2 * reach:
         return kept
-    time, u, y = e.time, e.sampled("command"), e["position"]
-    middle = slice(reach, first.size - reach)
-    ends, begins = first[2 * reach :], first[: -2 * reach]
-    duration = time[ends] - time[begins]
+    ends, begins = w.first[2 * reach :], w.first[: -2 * reach]
+    duration = w.experiment.time[ends] - w.experiment.time[begins]
     slope = np.abs(pressure[2 * reach :] - pressure[: -2 * reach]) / duration
-    change = np.concatenate(([0], np.cumsum(np.diff(u) != 0.0)))
-    last = np.minimum(first + samples, time.size - 1)
-    held = change[last[2 * reach :]] == change[begins]
-    speed = np.abs(y[last[middle]] - y[first[middle]]) / (time[last] - time[first])[middle]
-    random = 3.0 * noise * np.sqrt(2.0 / samples) / duration
-    kept[middle] = held & (slope <= np.maximum(_STEADY * speed, random))
+    changes = np.append(0, np.cumsum(np.diff(w.experiment.sampled("command")) != 0.0))
+    speed = np.abs(w.motion)[reach:-reach] / w.machine.area(w.chamber)
+    random = 3.0 * noise_floor(w.pressure, 2) * np.sqrt(2.0 / w.samples) / duration
+    kept[reach:-reach] = (changes[w.last[2 * reach :]] == changes[begins]) & (
+        slope <= np.maximum(_STEADY * speed, random)
+    )
     return kept
