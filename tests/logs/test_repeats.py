@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from drive_simulator import SERVO, advance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +29,17 @@ def slow(values: np.ndarray, rate: float) -> np.ndarray:
     return values[
         np.floor(np.floor(np.arange(values.size) * STEP * rate) / rate / STEP).astype(int)
     ]
+
+
+def stuck_swing(rng: np.random.Generator, step: float, rows: int = 1200) -> np.ndarray:
+    """Angle of a drive under five sines of torque, which stops at many reversals."""
+    t = np.arange(rows) * step
+    waves = np.outer(t, 2.0 * np.pi * np.array([0.3, 0.7, 1.3, 2.1, 3.7])) + rng.uniform(0, 6, 5)
+    angle, place, speed = np.empty(rows), 0.0, 0.0
+    for k, torque in enumerate(2.7e-3 * np.sin(waves).sum(axis=1)):
+        angle[k] = place
+        place, speed = advance(SERVO, float(torque), step, place, speed)
+    return np.round(angle / np.deg2rad(0.01)) * np.deg2rad(0.01)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(20.0, 92.0))
@@ -60,6 +72,15 @@ def test_a_noisy_output_that_repeats_every_reading_is_seen(every: int, noise: fl
     assert rows_per_reading(np.repeat(values, every), led=True) == pytest.approx(every, rel=0.01)
     for step in (1e-3, 0.05):
         assert rows_per_reading(np.round(values / step) * step, led=True) == 1.0
+
+
+@pytest.mark.parametrize("step", [0.01, 0.02, 0.04])
+def test_rests_of_an_axis_that_sticks_are_not(step: float) -> None:
+    """Rests of one or two rows at reversals were late readings: 3 of 3 right logs warned of."""
+    for seed in range(4):
+        swing = stuck_swing(np.random.default_rng(seed), step)
+        assert rows_per_reading(swing, led=True) == 1.0
+        assert rows_per_reading(slow(swing, 45.0), led=True) == pytest.approx(100.0 / 45.0, rel=0.2)
 
 
 @pytest.mark.parametrize("clock", [1, 2, 5])

@@ -22,6 +22,7 @@ _LONGEST = 10  # rows for which a slow channel repeats a reading
 _FEWEST = 10  # repeats
 _SHARE = 0.03  # of the changes of a moving signal, that come late
 _CHANCE = 3.0  # times the repeats that noise makes
+_SLOWED = 0.5  # of the next change, to which a motion falls that comes to rest or leaves it
 _ONWARDS = 0.7  # of successive changes in one direction: a motion, not levels set one by one
 _REST = 0.2  # of its steps elsewhere, by which a channel moves that does not rest
 _ALWAYS = 0.98  # of the changes of a signal that repeats every reading
@@ -164,14 +165,18 @@ def rows_per_reading(values: FloatArray, led: bool = False) -> float:
     fast = size >= _FAST * least
     rows = np.diff(changes)
     moving = fast[:-1] & fast[1:] & (rows <= _LONGEST)
-    late = int(np.count_nonzero(moving & (rows > 1)))
+    # a motion slows down to a rest and gathers speed from it; a late reading is as large as others
+    around = np.concatenate(([0.0], size, [0.0]))
+    rests = (around[1:-2] < _SLOWED * around[:-3]) | (around[2:-1] < _SLOWED * around[3:])
+    paused = moving & (rows > 1)
+    late = int(np.count_nonzero(paused & ~rests))
     # noise of a converter makes no change about as often as one of a single step to either side
     beside = (rows[:-1] == 1) & (rows[1:] == 1)
     small = beside & (size[1:-1] < 1.5 * least) & fast[:-2] & fast[2:]
     by_chance = _CHANCE * (0.5 * float(np.count_nonzero(small)) + 1.0)
     if late < max(_FEWEST, by_chance, _SHARE * float(np.count_nonzero(moving))):
         return 1.0
-    if led and late > _ALWAYS * np.count_nonzero(moving):
+    if led and np.count_nonzero(paused) > _ALWAYS * np.count_nonzero(moving):
         return float(rows[moving].mean())
     onwards = steps[:-1] * steps[1:] > 0.0
     if np.count_nonzero(onwards & moving) < _ONWARDS * np.count_nonzero(moving):
