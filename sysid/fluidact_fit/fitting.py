@@ -553,7 +553,7 @@ def _naming_what_was_read(notices: Sequence[Notice]) -> Iterator[None]:
 
 @contextmanager
 def _blaming_the_numbers() -> Iterator[None]:
-    """Blame the numbers where the arithmetic fails or a result is not finite."""
+    """Refuse where the arithmetic fails or a result is not finite, and name what may be why."""
     try:
         yield
     except (
@@ -568,8 +568,10 @@ def _blaming_the_numbers() -> Iterator[None]:
             found = "; ".join(f"{path} {message}" for path, message in error.problems[:3])
         raise NotIdentifiedError(
             f"the computation broke down ({found}).",
-            expected="Some values differ by too many orders of magnitude. Nothing was written.",
-            remedy="Check --unit and --scale of the columns, and --fix, --start and --bounds (SI).",
+            expected="Nothing was written. Values that differ by too many orders of magnitude do "
+            "that, and so does a search that is led far astray.",
+            remedy="Check --unit and --scale of the columns, and --fix, --start and --bounds (SI); "
+            "if they are right, give --start values near the right ones.",
         ) from error
 
 

@@ -15,7 +15,7 @@ from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.solution import base_name, moved, number
 from ..experiment import Hold, Signal
-from ..family import FamilyOptions, Plant, Value
+from ..family import Value
 from ..outcome import Simulation
 from ..units import as_share
 from . import policy
@@ -126,7 +126,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
         if np.abs(step / at.errors).max() < policy.TERM_MOVES:
             break
         for name, by in zip(at.names, step):
-            plant = moved(plant, name, _within(at, name, plant, float(by)))
+            plant = moved(plant, name, float(by), at.variant.parameter(base_name(name)))
     deviations = total / at.errors
     worst = int(np.argmax(np.abs(deviations)))
     ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
@@ -139,12 +139,6 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
         0.5 * r.size * float(np.log(ratio)),
         sqrt(ratio),
     )
-
-
-def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> float:
-    """A change of a parameter that keeps it in its physical range."""
-    spec, now = at.variant.parameter(base_name(name)), number(plant, name)
-    return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
 
 
 def _hold_notice(

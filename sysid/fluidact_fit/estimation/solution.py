@@ -16,6 +16,7 @@ from ..parameters.rounding import round_covariance, round_quantity
 from ..rows import BLOCK_ROWS
 from ..specification import (
     NoiseLevel,
+    ParameterSpec,
     Plant,
     Quantity,
     ReadT,
@@ -299,9 +300,16 @@ def number(plant: Plant[Any], name: str) -> float:
     return float(np.ravel(plant.values[key])[int(index.rstrip("]") or 0)])
 
 
-def moved(plant: Plant[ReadT], name: str, by: float) -> Plant[ReadT]:
-    """The same with a value moved; ``name`` may be an entry of a list, ``levels[2]``."""
+def moved(
+    plant: Plant[ReadT], name: str, by: float, spec: ParameterSpec | None = None
+) -> Plant[ReadT]:
+    """The same with a value moved, no further than the end of its physical range.
+
+    ``name`` may be an entry of a list, ``levels[2]``; the range is that of its ``spec``.
+    """
     key, _, index = name.partition("[")
     entries = np.array(plant.values[key], dtype=float)
-    entries.flat[int(index.rstrip("]") or 0)] += by
+    at = int(index.rstrip("]") or 0)
+    low, high = (spec.minimum, spec.maximum) if spec else (-np.inf, np.inf)
+    entries.flat[at] = min(max(entries.flat[at] + by, low), high)
     return replace(plant, values={**plant.values, key: entries.tolist()})
