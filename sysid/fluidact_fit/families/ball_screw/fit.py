@@ -28,8 +28,8 @@ from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, w
 from .drive_record import drive_notices, with_drive_errors
 from .levels import Bracket, find_levels, refine_levels
 from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
-from .start import Stage, first_stage, without_idle_levels
-from .stribeck import fastest, undetermined, with_curve, without_level
+from .start import Stage, fastest, first_stage, without_idle_levels
+from .stribeck import undetermined, with_curve, without_level
 
 UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "

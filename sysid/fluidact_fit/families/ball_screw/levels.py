@@ -52,7 +52,8 @@ def find_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     """
     part = leading_parts(stage.experiments)
     rough = _Profile(replace(stage, experiments=part), increments(part, stage.axis))
-    at, brackets = rough.settle(rough.fit(stage.values), {})
+    # inverse dynamics knows no static level: beside a wrong one a search would leave its values
+    at, brackets = rough.settle(rough.fit(stage.values, 0), {})
     return stage.at(at.values), brackets
 
 
@@ -106,14 +107,14 @@ class _Profile:
                 break
         return at, found
 
-    def fit(self, values: Mapping[str, float]) -> _Refitted:
+    def fit(self, values: Mapping[str, float], iterations: int = 15) -> _Refitted:
         """Fit the others, the static levels held."""
         fixed = {n: v for n, v in values.items() if n not in self.others}
         stage = replace(
             self.stage, names=tuple(values), start=values, fixed=fixed, refusals=()
         )  # fmt: skip
         problem = stage.problem(self.compared)
-        found = stage.solve(problem, max_iterations=15, tolerance=0.05)
+        found = stage.solve(problem, max_iterations=iterations, tolerance=0.05)
         now = {**values, **problem.named(found.eta)}
         independent = sum(map(_independent, found.residuals))
         return _Refitted(found.cost, now, np.vstack(found.jacobian), independent)

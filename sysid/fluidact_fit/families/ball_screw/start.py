@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.inputs import settled_hold
+from ...estimation.least_squares import lengths, project_out, scaled_least_squares
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
@@ -17,7 +18,6 @@ from ...estimation.results import Refusal, held_by
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Request, Variant
-from ...signals import smooth
 from .model import (
     BREAKAWAY,
     SIDES,
@@ -28,6 +28,7 @@ from .model import (
     axis_of,
 )
 
+_FEWEST = 12  # means of rows, in either direction, that tell inertia from friction
 _NEVER = "the axis never breaks away from rest in this direction."
 
 
@@ -174,33 +175,30 @@ def without_idle_levels(stage: Stage) -> Stage:
 def _inverse_dynamics(
     experiments: Sequence[Experiment], axis: Axis, viscous: Sequence[str]
 ) -> dict[str, float]:
-    """First stage: torque regressed on smoothed acceleration, speed and direction.
+    """First stage: momentum that the drive gave, regressed on what became of it.
 
-    The window is the shortest whose residual is within a tenth of the best: longer ones
-    smear the reversals, shorter ones drown in the encoder's steps.
+    Of means over more and more rows those are taken that tell the inertia best, as long as enough
+    of them move in either direction.
     """
     best: tuple[float, FloatArray] | None = None
-    for half in (2, 4, 8, 16, 32, 64):
-        if any(e.samples < 8 * half for e in experiments) and half > 2:
+    ways = np.zeros(2, dtype=bool)
+    for rows in (1, 2, 4, 8, 16, 32, 64):
+        parts = [
+            _momentum(e, axis, rows, len(viscous)) for e in experiments if e.samples > 8 * rows
+        ]
+        if not parts:
             break
-        rows, drive = [], []
-        for e in experiments:
-            s = smooth(e[axis.motion], e.sample_time, half)
-            u = smooth(e.sampled(axis.drive), e.sample_time, half).value
-            fast = float(np.quantile(np.abs(s.rate), 0.99))
-            moving = s.inside & (np.abs(s.rate) > 0.12 * fast)
-            v, forward = s.rate[moving], s.rate[moving] > 0.0
-            speeds = [v] if len(viscous) == 1 else [v * forward, v * ~forward]
-            columns = (s.curvature[moving], *speeds, forward * 1.0, -1.0 * ~forward)
-            rows.append(np.column_stack(columns))
-            drive.append(u[moving])
-        a, tau = np.vstack(rows), np.concatenate(drive)
-        if a.shape[0] < 2 * a.shape[1]:
+        table = np.vstack(parts)
+        moving = np.count_nonzero(table[:, -3:-1], axis=0)
+        if table.shape[0] < _FEWEST or np.any(moving[ways] < _FEWEST * rows):
             continue
-        x = np.linalg.lstsq(a, tau, rcond=None)[0]
-        misfit = float(np.std(tau - a @ x))
-        if best is None or (misfit < 0.9 * best[0] and x[0] > 0.0) or best[1][0] <= 0.0:
-            best = misfit, x
+        ways = moving > 0
+        columns, given = table[:, :-1], table[:, -1]
+        x = scaled_least_squares(columns, given)
+        misfit = np.sqrt(rows) * max(float(np.std(given - columns @ x)), 1e-200)
+        told = abs(x[0]) * lengths(project_out(columns[:, :1], columns[:, 1:]))[0] / misfit
+        if best is None or told > 1.1 * best[0]:
+            best = float(told), x
     if best is None:
         raise LogError(
             f"the {axis.motion} hardly moves in any log",
@@ -214,12 +212,41 @@ def _inverse_dynamics(
     return _as_guess(best[1], experiments, axis, viscous)
 
 
+def _momentum(e: Experiment, axis: Axis, rows: int, viscous: int) -> FloatArray:
+    """Gains of speed, ways by ``viscous`` and times by direction, and the impulse of the drive.
+
+    The equation of motion times a hat over two intervals, which is exact for any hold and step but
+    for the curvature of the way in one interval; then the mean over ``rows``, weighted by the same
+    for all columns. Kept is what moves one way throughout, faster than in a reversal.
+    """
+    y, u, step = e[axis.motion], e.sampled(axis.drive), np.diff(e.time)
+    speed, before, after = np.diff(y) / step, step[:-1], step[1:]
+    impulse = 0.5 * (before * u[:-2] + after * u[1:-1])
+    if settled_hold(e.signals[axis.drive]) != "zoh":
+        impulse = (before * (u[:-2] + 2.0 * u[1:-1]) + after * (2.0 * u[1:-1] + u[2:])) / 6.0
+    box = np.full(rows, 1.0 / rows)
+    hat = np.convolve(box, np.convolve(box, box))
+    gain, way, time, impulse = (
+        np.convolve(x, hat, "valid")
+        for x in (np.diff(speed), 0.5 * (y[2:] - y[:-2]), 0.5 * (before + after), impulse)
+    )
+    few = max(rows // 4, 1)  # steps of which noise of the position turns back single ones
+    steady = np.convolve(speed, np.full(few, 1.0 / few), "valid")
+    steady = np.lib.stride_tricks.sliding_window_view(steady, hat.size + 2 - few)
+    least = 0.12 * float(np.quantile(np.abs(way / time), 0.99))
+    forward = (steady.min(axis=1) > 0.0) & (way > least * time)
+    backward = (steady.max(axis=1) < 0.0) & (way < -least * time)
+    ways = [way] if viscous == 1 else [way * forward, way * backward]
+    table = np.column_stack((gain, *ways, time * forward, -time * backward, impulse))
+    return np.asarray(table[forward | backward])
+
+
 def _as_guess(
     x: FloatArray, experiments: Sequence[Experiment], axis: Axis, viscous: Sequence[str]
 ) -> dict[str, float]:
     """Linear estimate as a start: positive, and never more than the drive can give."""
     drive = max(float(np.abs(e.sampled(axis.drive)).max()) for e in experiments)
-    speed = max(float(np.ptp(e[axis.motion]) / np.ptp(e.time)) for e in experiments) or 1.0
+    speed = fastest(experiments, axis) or 1.0
     step = min(e.sample_time for e in experiments)
     guess = {axis.inertia: max(x[0], 1e-3 * drive / speed * step)}
     guess.update(zip(viscous, np.maximum(x[1:-2], 0.01 * drive / speed)))
@@ -227,6 +254,12 @@ def _as_guess(
         guess[f"coulomb_{s}"] = kinetic
         guess[BREAKAWAY[s]] = 1.2 * kinetic
     return {k: float(v) for k, v in guess.items()}
+
+
+def fastest(experiments: Sequence[Experiment], axis: Axis) -> float:
+    """Speed that is hardly exceeded [rad/s or m/s]."""
+    rates = [np.abs(np.gradient(e[axis.motion], e.time)) for e in experiments]
+    return max(float(np.quantile(r, 0.99)) for r in rates)
 
 
 def _search_limits(

@@ -26,7 +26,7 @@ from .model import (
     increments,
     leading_parts,
 )
-from .start import Stage, follow
+from .start import Stage, fastest, follow
 
 _GRID = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the fastest motion, where the search begins
 _RANGE = (1e-4, 1.0)  # of the fastest motion, in which it goes on
@@ -34,12 +34,6 @@ _SEARCHED = 10_000  # samples of every log that the grid looks at
 _LEAST_EXCESS = 0.2  # of the kinetic level, by which a static one begins above it
 _FASTEST = 0.7  # of the fastest motion, below which the kinetic level shows
 _KNOWN = 0.7  # of its own value, to which the speed has to be known
-
-
-def fastest(experiments: Sequence[Experiment], axis: Axis) -> float:
-    """Speed that is hardly exceeded [rad/s or m/s]."""
-    rates = [np.abs(np.gradient(e[axis.motion], e.time)) for e in experiments]
-    return max(float(np.quantile(r, 0.99)) for r in rates)
 
 
 def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
