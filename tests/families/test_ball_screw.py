@@ -142,13 +142,16 @@ def test_a_servo_under_its_own_controller() -> None:
         assert abs(q.number - true) < 4.0 * float(q.std_error), name
 
 
-def test_a_step_beyond_the_range_ends_on_it() -> None:
-    """Another hold led the inertia to 0, which broke the examination and blamed the units."""
-    log = drive_log(1, "zoh")
-    plant = Plant(ROTARY, DRIVE, FAMILY.options_type())
+def test_a_step_beyond_the_range_ends_on_it_and_breaks_no_search() -> None:
+    """Another hold led the inertia to 0, which ended the fit and was blamed on units."""
+    log = servo_experiment(servo_log(np.random.default_rng(3), 0, rows=300))
+    plant = Plant(ROTARY, SERVO, FAMILY.options_type())
     least = moved(plant, "inertia", -1.0, ROTARY.parameter("inertia"))
     assert least.values["inertia"] == ROTARY.parameter("inertia").minimum
-    assert np.all(np.isfinite(FAMILY.simulate(least, [log])[0].output))
+    for inertia in (0.0, 1e-30):
+        with pytest.raises(np.linalg.LinAlgError, match="no motion can be followed"):
+            simulate({**SERVO, "inertia": inertia}, drive_log(1, "zoh"))
+    assert np.all(np.isfinite(simulate({**SERVO, "inertia": 1e-10}, log)[0].output))
 
 
 def test_a_drive_that_never_turns_back() -> None:

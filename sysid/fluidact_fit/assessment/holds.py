@@ -118,7 +118,10 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
         return None
     total, plant = np.zeros(j.shape[1]), at.plant
     for _ in range(_ROUNDS):
-        r = before - np.concatenate(at.change(turned, plant))
+        try:
+            r = before - np.concatenate(at.change(turned, plant))
+        except np.linalg.LinAlgError:  # the model breaks down where the step leads
+            return None
         if not np.all(np.isfinite(r)):
             return None
         step = scaled_least_squares(j, r, 1e-10)

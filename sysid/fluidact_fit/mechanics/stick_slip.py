@@ -321,14 +321,14 @@ class Passes:
         return found, np.searchsorted(nodes, time)
 
     def pass_of(self, mass: DryMass, speed: float) -> _Run | CurvedRun:
-        """The pass of a drive with some first speed."""
+        """The pass of a drive with some first speed; ``LinAlgError`` where it breaks down."""
         if self._last is None or self._last[:2] != (mass, speed):
             self._last = None  # free it before the next is made
-            run = (
-                CurvedRun(mass, self.torque, self.grid, speed)
-                if mass.speed > 0.0
-                else _Run(mass, self.torque, self.grid, speed)
-            )
+            follow = CurvedRun if mass.speed > 0.0 else _Run
+            try:
+                run = follow(mass, self.torque, self.grid, speed)
+            except ArithmeticError as error:  # it comes to rest within a tiny part of an interval
+                raise np.linalg.LinAlgError(f"no motion can be followed: {error}") from error
             self._last = mass, speed, run
         return self._last[2]
 
