@@ -65,6 +65,7 @@ from ..routines import (
 )
 
 SIDES = (("positive", 1.0), ("negative", -1.0))
+_LEAST_DROP = 1e-4  # of the reference: below it no flow says what it would be there
 _AGAINST = 0.5  # correlation of command and flow of the other sign, at which one is reversed
 
 
@@ -415,6 +416,15 @@ class FlowMapBlock(Block):
             return 1.0
         return _pressure_factor(np.asarray(pressure_drop, dtype=float), self.reference_pressure)
 
+    def _at_reference(self, flow: npt.ArrayLike, pressure_drop: npt.ArrayLike | None) -> FloatArray:
+        """Flow that a wanted one is at the reference; no drop counts for less than the least."""
+        q = np.asarray(flow, dtype=float)
+        if pressure_drop is None or self.reference_pressure is None:
+            return q
+        drop, least = np.asarray(pressure_drop, dtype=float), _LEAST_DROP * self.reference_pressure
+        size = np.where(drop < 0.0, -1.0, 1.0) * np.maximum(np.abs(drop), least)
+        return np.asarray(q / self._factor(size))
+
     def __call__(
         self, command: npt.ArrayLike, pressure_drop: npt.ArrayLike | None = None
     ) -> float | FloatArray:
@@ -441,7 +451,7 @@ class FlowMapBlock(Block):
             When a flow lies beyond what the saturations give, unless clamped.
         """
         v = self.numbers()
-        q = np.asarray(flow, dtype=float) / self._factor(pressure_drop)
+        q = self._at_reference(flow, pressure_drop)
         ends = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
         slack = 1e-9 * (max(ends) - min(ends))
         if not clamp and not np.all((q >= min(ends) - slack) & (q <= max(ends) + slack)):
@@ -456,7 +466,7 @@ class FlowMapBlock(Block):
         """All of them; see :meth:`.Block.methods`."""
         return {
             "flow": self, "command_for": partial(self.inverse, clamp=True),
-            "flow_at_reference": lambda flow, drop: flow / self._factor(drop),
+            "flow_at_reference": self._at_reference,
         }  # fmt: skip
 
     def predict(self, experiment: Experiment) -> FloatArray:
@@ -494,20 +504,30 @@ class FlowMapBlock(Block):
         drop = self.argument("pressure_drop", "pressure drop over the valve")
         scale = Draft("flow_at_reference", "Flow that a wanted one is at the reference.", unit)
         asked = scale.argument(replace(wanted, about="wanted flow"))
+        there, least = scale.argument(drop), _LEAST_DROP * reference
+        if max(drop.low, -drop.high) < least:
+            scale.flag(abs(there), constant("least_pressure_drop", least))
         return (
             forward.returns(total * _factor_of(forward.argument(drop), drop, reference)),
             back.returns(found),
-            scale.returns(asked / _factor_of(scale.argument(drop), drop, reference)),
+            scale.returns(asked / _factor_of(there, drop, reference, least)),
         )
 
 
-def _factor_of(drop: Expression, known: Argument, reference: float) -> Expression:
-    """Square root of the pressure ratio with its sign, over the range of the data."""
-    least = max(known.low, -known.high, 1e-4 * reference)  # what one divides by is not zero
-    size = sqrt(maximum(abs(drop), least) * constant("per_reference", 1.0 / reference))
+def _factor_of(
+    drop: Expression, known: Argument, reference: float, least: float = 0.0
+) -> Expression:
+    """Square root of the pressure ratio with its sign, of a drop of the ``least`` size or more."""
+    of_range = max(known.low, -known.high, 0.0)
+    size = maximum(abs(drop), least) if least > of_range else abs(drop)
+    size = sqrt(size * constant("per_reference", 1.0 / reference))
     if known.low > 0.0:
         return size
-    return -size if known.high < 0.0 else by_sign(drop, size, -size)
+    return (
+        -size
+        if known.high < 0.0
+        else by_sign(drop, size, -size, size if least else 0.0, jumps=bool(least))
+    )
 
 
 def _root_of(rest: Expression, slope: float, bend: float) -> Expression:
