@@ -46,9 +46,9 @@ class Run:
 
     @property
     def turning(self) -> BoolArray:
-        """Used samples that are the last before a turn, ``(m,)``: it may have come before them."""
+        """Used samples, ``(m,)``, that are the last before a turn, or of all: it may have come."""
         way = self.direction[self.kept]
-        return np.append(way[1:] != way[:-1], np.zeros(min(way.size, 1), dtype=bool))
+        return np.append(way[1:] != way[:-1], np.ones(min(way.size, 1), dtype=bool))
 
     @property
     def instrumented(self) -> Run:
@@ -204,11 +204,11 @@ def _away_from_reversals(
     for begin, end in zip(turned, [*turned[1:], moves.size]):
         if begin:  # the record's start is no reversal
             kept[begin:end] &= np.abs(moves[begin:end] - moves[begin]) >= settle * span
-        # the dead band notices a reversal late: from the extreme on; a rod's last one perhaps not
-        if end < moves.size or beside:
-            way = direction[begin] or 1.0
-            part = way * moves[begin:end]
-            last = int(np.argmax(part))
+        # the dead band notices a reversal late, one just before the end of the record never: from
+        # the extreme on, unless what moves rests there in the end; a rod's rest may hide a turn
+        part = (direction[begin] or 1.0) * moves[begin:end]
+        last = int(np.argmax(part))
+        if end < moves.size or beside or part[-1] < part[last] - noise:
             if noise:
                 last = int(np.argmax(part > part[last] - noise)) - 1
             kept[max(begin + last + 1 - beside, begin) : end] = False
