@@ -372,3 +372,14 @@ def test_a_turn_that_the_state_shows_late_or_never_is_no_spike(log: dict[str, Fl
     found = ff.fit("spring-cylinder", log)
     assert not [n for n in found.notices if n.code == "force-spikes"]
     assert found.verdict == "pass", found.notices
+
+
+def test_noise_of_the_position_is_no_difference_between_a_slow_and_a_fast_log() -> None:
+    """It shrank viscous friction in the slow log alone: the machine was said to have changed."""
+    logs = [
+        cycles(k / 3.0, n=1000, pace=pace, stroke=0.4, noise=2e-4, seed=k)
+        for k, pace in enumerate((0.37, 0.2))
+    ]
+    found = ff.fit("spring-cylinder", logs)
+    assert "halves-disagree" not in [n.code for n in found.notices]
+    assert "instruments" in found.document.fit.details["method"]

@@ -322,7 +322,8 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
 
 def find_disagreeing_halves(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Compare the two halves of the data."""
-    (jacobians, residuals), half = _halves(at, [at.jacobians, at.residuals])
+    # noise of an input shrinks what a slow half asks for otherwise than what a fast one does
+    (jacobians, residuals), half = _halves(at, [at.instruments or at.jacobians, at.residuals])
     fewest = min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1))
     if fewest < policy.FEW:
         return {}, []
