@@ -351,7 +351,7 @@ def cycles(
     early: float = 0.0, *, n: int = 4000, sine: bool = False, pace: float = 0.092,
     stroke: float = 0.3, noise: float = 0.0, seed: int = 4,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """A command up and down in 4 s, begun so much ``early`` [s], and a rod moved to and fro [Hz]."""
+    """A command up and down in 4 s, begun ``early`` [s], and a rod moved to and fro [Hz]."""
     t, rng = 0.01 * np.arange(n), np.random.default_rng(seed)
     phase = ((t + early) / 4.0) % 1.0
     share = np.minimum(2.0 * phase, 2.0 - 2.0 * phase)
