@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from .experiment import FloatArray
 
+_PLACES = 65  # between two samples that a turn is looked for at
+
 
 @dataclass(frozen=True)
 class Smoothed:
@@ -62,3 +64,49 @@ def rise_and_fall(values: FloatArray) -> tuple[float, float]:
     """Largest rise above an earlier value, and largest fall below one; ``values`` is ``(n,)``."""
     rise = float(np.max(values - np.minimum.accumulate(values)))
     return rise, float(np.max(np.maximum.accumulate(values) - values))
+
+
+def turns_between(
+    time: FloatArray, values: FloatArray, least: float
+) -> tuple[FloatArray, FloatArray]:
+    """Find where a signal turned between two samples, beyond both by more than ``least``.
+
+    The parabolas through three samples on either side go on until they meet; one that would rise
+    the more steeply towards a peak is taken for a straight line.
+
+    Parameters
+    ----------
+    time, values : (n,)
+    least
+        [unit of the values]
+
+    Returns
+    -------
+    Instants and values of the turning points, in order, shape ``(m,)``.
+    """
+    if values.size < 6:
+        return np.zeros(0), np.zeros(0)
+    step = np.diff(time)
+    slope = np.diff(values) / step
+    bend = np.diff(slope) / (time[2:] - time[:-2])
+    before, after = slope[1:-3], slope[3:-1]
+    least_slope = least / step[2:-2]  # no turn beyond that needs a look
+    steep = (np.abs(before) > least_slope) & (np.abs(after) > least_slope)
+    k = np.flatnonzero(steep & (before * after < 0.0)) + 2
+    way = np.sign(slope[k - 1])[:, None]  # 1 towards a peak
+    at = time[k, None] + np.linspace(0.0, 1.0, _PLACES) * (time[k + 1] - time[k])[:, None]
+
+    def beyond(end: npt.NDArray[np.intp], side: int) -> FloatArray:
+        """Go on from sample ``end``, whose neighbour is ``end + side``."""
+        line, curve = (end, end) if side > 0 else (end - 1, end - 2)
+        away, farther = at - time[end, None], at - time[end + side, None]
+        bends = np.minimum(way * bend[curve, None], 0.0)
+        straight = values[end, None] + slope[line, None] * away
+        return np.asarray(way * straight + bends * away * farther)
+
+    meeting = np.minimum(beyond(k, -1), beyond(k + 1, 1))
+    best = np.argmax(meeting, axis=1)
+    row = np.arange(k.size)
+    peak = meeting[row, best]
+    found = peak - np.maximum(way[:, 0] * values[k], way[:, 0] * values[k + 1]) > least
+    return at[row, best][found], (way[:, 0] * peak)[found]

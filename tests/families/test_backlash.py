@@ -93,7 +93,7 @@ def test_a_recorded_load_is_followed_wherever_it_began(
 
 def test_the_derivatives_are_those_of_the_path() -> None:
     log = stroke(4, noise=0.0)
-    model = PlayModel([log["drive"]], [log["load"]])
+    model = PlayModel([log["drive"]], [log["load"]], [None])
     at, names = {"ratio": 0.81, "play": 2.1e-3}, ("ratio", "play")
     _, slopes = model.slopes(0, at, names)
     for row, name in zip(slopes.known, names):
@@ -231,6 +231,46 @@ def test_noise_of_the_drive_is_no_feedback(drive_noise: float) -> None:
     for seed in range(4):
         found = ff.fit("backlash", [stroke(seed, drive_noise=drive_noise)])
         assert "closed-loop" not in codes(found)
+
+
+def recorded_strokes(seed: int, *, triangle: bool, noise: float, late: int = 0) -> Log:
+    """Strokes that the load follows in steps of 1 ms, 20 of them a row: they turn between rows."""
+    rng, t = np.random.default_rng(seed), 1e-3 * np.arange(20 * 700)
+    phase = t / 7.13 + rng.uniform()
+    x = 6e-3 * (4.0 * np.abs(phase % 1.0 - 0.5) - 1.0)
+    if not triangle:
+        x = 4e-3 * np.sin(6.28 * phase) + 3e-3 * np.sin(31.0 * phase)
+    y = by_hand(40.0 * x, 0.0105) + 0.01
+    x, y = x[::20], y[::20]
+    y = np.concatenate((np.full(late, y[0]), y[: y.size - late]))
+    return {"time": t[::20], "drive": x, "load": y + noise * rng.standard_normal(x.size)}
+
+
+@pytest.mark.parametrize(("triangle", "noise"), [(True, 5e-4), (False, 1e-4)])
+def test_a_turn_between_two_rows_is_no_lag(triangle: bool, noise: float) -> None:
+    """The load goes as far as the drive went: a lag of 13 ms was said to make a third of play."""
+    logs = [recorded_strokes(seed, triangle=triangle, noise=noise) for seed in (1, 2)]
+    result = ff.fit("backlash", logs)
+    assert result.verdict == "pass", result.notices
+    assert (result.document.options or {})["turns"] == "between"
+    for name, truth in (("play", 0.0105), ("ratio", 40.0)):
+        q = result.parameters[name]
+        assert abs(q.number - truth) < 4.0 * float(q.std_error or 0.0), name
+
+
+def test_a_late_load_is_said_where_the_drive_turns_between_two_rows() -> None:
+    late = recorded_strokes(3, triangle=True, noise=5e-4, late=1)
+    assert "unmodelled-response" in codes(ff.fit("backlash", late))
+
+
+def test_a_drive_that_turned_at_a_row_goes_no_farther() -> None:
+    """Straight lines from row to row, as a sequence of set points: the load tells."""
+    log = {name: values[::10] for name, values in stroke(5).items()}
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(log["drive"].size)
+    log["load"] = by_hand(RATIO * log["drive"], PLAY) + noise
+    result = ff.fit("backlash", log)
+    assert (result.document.options or {})["turns"] == "row"
+    assert result.verdict == "pass", result.notices
 
 
 def test_the_offset_is_that_of_the_logs_and_may_be_given() -> None:

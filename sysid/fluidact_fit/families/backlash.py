@@ -9,6 +9,10 @@ contact and ``s`` the side that pushed (1 upwards, -1 downwards) the path is ``r
 2``, which gives all derivatives. The right inverse [2]_ takes the drive across the play at once
 where the wanted load turns back.
 
+A drive that turns between two rows goes farther than either, and the load with it: by as much as
+the readings on both sides tell (:func:`.turns_between`), if that explains the load better than a
+turn at a row.
+
 References
 ----------
 .. [1] M. Brokate, J. Sprekels, Hysteresis and Phase Transitions, 1996, section 2.1.
@@ -21,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -58,7 +63,7 @@ from ..family import (
 )
 from ..options import settled
 from ..routines import Argument, Draft, Routine, by_sign, choose, constant, maximum, minimum
-from ..signals import rise_and_fall
+from ..signals import rise_and_fall, turns_between
 
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6)  # of the range of the drive, to begin with
 _SURE = 10.0  # times its noise, from which a way back of the load is none of it
@@ -66,6 +71,7 @@ _LED = 0.5  # of the squared residual: what a negative play leaves at most where
 _DRAWS = 12  # of the errors of the drive's readings
 _COUNTS = 0.1  # of a variance, from which on a profile of the cost says too little
 _CODES = 3.0  # steps of a converter that a motion goes at once, unless it was commanded in them
+_CLEAR = 6.0  # times the error of a reading that a turn between two lies beyond both
 _MATTERS = 0.25  # half-widths of the interval by which noise may shift it
 _POWER = 0.1  # relative standard error of the power of the drive's noise
 _BACK = "Move the drive both ways, slowly, each time by several times the play."
@@ -73,11 +79,15 @@ _BACK = "Move the drive both ways, slowly, each time by several times the play."
 
 @dataclass(frozen=True)
 class BacklashOptions(FamilyOptions):
-    """Whose the offset is; settled by the fit."""
+    """Whose the offset is, and where the drive turns; settled by the fit."""
 
     offset_of: str | None = settled(
         "choice", "whether each log has an output offset of its own, about that of the file",
         choices=("log", "file"),
+    )  # fmt: skip
+    turns: str | None = settled(
+        "choice", "whether the drive turns at a row, or goes on beyond it as it came",
+        choices=("row", "between"),
     )  # fmt: skip
 
 
@@ -103,31 +113,60 @@ class Followed:
     begins: int
 
 
+Reach = tuple[FloatArray, FloatArray]  # least and largest drive since the row before, (n,) each
+
+
+def reach_of(e: Experiment) -> Reach:
+    """How far the drive went since the row before: it may have turned between two rows.
+
+    A drive that is held turned at none.
+    """
+    drive, x = e.signals["drive"], e.sampled("drive")
+    low, high = x.copy(), x.copy()
+    if drive.hold == "zoh" or drive.values.size < 2:
+        return low, high
+    rows = e.time if e.time.size else np.arange(x.size, dtype=float)
+    time = drive.time if e.time.size else rows
+    error = max(white_noise(drive.values), drive.resolution / sqrt(12.0))
+    turned, there = turns_between(time, drive.values, _CLEAR * error)
+    time, values = np.append(time, turned), np.append(drive.values, there)
+    at = np.searchsorted(rows, time)
+    inside = (at > 0) & (at < rows.size)
+    np.minimum.at(low, at[inside], values[inside])
+    np.maximum.at(high, at[inside], values[inside])
+    return low, high
+
+
 def follow(
-    drive: FloatArray, ratio: float, backlash: float, load: FloatArray | None = None
-) -> Followed:
-    """Let a load follow a drive, shape ``(n,)`` each.
+    drive: FloatArray, ratio: float, backlash: float, load: FloatArray | None = None,
+    reach: Reach | None = None,
+) -> Followed:  # fmt: skip
+    """Let a load follow a drive, shape ``(n,)`` each, which may have been farther between rows.
 
     It begins in the middle of the play or, where it was recorded, in the state that explains the
     record best: pushed from either side, at once or later. The play forgets that state once it was
     crossed.
     """
     u, half = ratio * drive, 0.5 * backlash
+    ends = [ratio * x for x in reach or (drive, drive)]
+    low, high = ends if ratio > 0.0 else ends[::-1]
     now = np.arange(u.size)
 
     def run(start: float, side: float, begins: int) -> Followed:
-        path = clamped(start, u - half, u + half, 0.0, u.size)
+        path = clamped(start, high - half, np.maximum(low + half, u - half), 0.0, u.size)
         step = np.diff(path, prepend=path[0])
+        pushed = np.sign(step)
+        pushed[high - u > backlash], pushed[u - low > backlash] = -1.0, 1.0  # and came back
         contact = np.maximum.accumulate(np.where(step != 0.0, now, 0))
-        sides = np.where(contact > 0, np.sign(step)[contact], side)
+        sides = np.where(contact > 0, pushed[contact], side)
         return Followed(path, sides, contact, begins)
 
     if load is None:
         return run(float(u[0]), 0.0, 0)
-    ends = [run(-side * np.inf, side, 0) for side in (1.0, -1.0)]
-    crossed = int(np.count_nonzero(ends[0].path != ends[1].path))
-    best, least = ends[0], np.inf
-    for end in ends:
+    sides = [run(-side * np.inf, side, 0) for side in (1.0, -1.0)]
+    crossed = int(np.count_nonzero(sides[0].path != sides[1].path))
+    best, least = sides[0], np.inf
+    for end in sides:
         moved = np.unique(end.contact[:crossed])
         at = np.unique(np.concatenate(([0], moved, [crossed])))
         cost = _two_levels(load, load - end.path, at)
@@ -157,16 +196,19 @@ class PlayModel:
 
     drives: Sequence[FloatArray]
     loads: Sequence[FloatArray]
+    reaches: Sequence[Reach | None]
     level: float | None = None
 
     def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
         """Path of a run and its derivatives; its first position is its own, as its offset is."""
         x, y = self.drives[index], self.loads[index]
-        f = follow(x, float(values["ratio"]), float(values["play"]), y)
+        ratio, play = float(values["ratio"]), float(values["play"])
+        f = follow(x, ratio, play, y, self.reaches[index])
         after = np.arange(x.size) >= f.begins
         own = [after, ~after] if self.level is None else [~after]
         local = np.array([part for part in own if part.any()], dtype=float).reshape(-1, x.size).T
-        by = {"ratio": after * x[f.contact], "play": -0.5 * after * f.side}
+        pushing = (f.path + 0.5 * play * f.side) / (ratio or 1.0)  # the drive at the last contact
+        by = {"ratio": after * pushing, "play": -0.5 * after * f.side}
         table = np.array([by[n] for n in names]).reshape(len(names), x.size)
         nothing = np.zeros((x.size, 0))
         return Basis(after * (f.path + (self.level or 0.0)), nothing, local), Slopes(
@@ -264,7 +306,7 @@ class Backlash(Family[BacklashOptions]):
         level = request.fixed.get("offset")
         model = PlayModel(
             [e.sampled("drive") for e in experiments], [e.sampled("load") for e in experiments],
-            level,
+            [None for _ in experiments], level,
         )  # fmt: skip
         _refuse_rest(model, variant, experiments[0], request.fixed)
         tried = sorted((model.start(share) for share in _SHARES), key=lambda found: found[1])
@@ -272,20 +314,31 @@ class Backlash(Family[BacklashOptions]):
         size = abs(starts[0]["ratio"])
         span = size * max(float(np.ptp(x)) for x in model.drives)
         names = ("play", "ratio")
-        fitted = fit_named(
-            NamedModel(
-                names, (), model.columns, model.loads, model.slopes,
-                resolutions=[e.signals["load"].resolution for e in experiments],
-                logs=[e.log for e in experiments],
-            ),
-            variant.parameters, request,
-            make_unknowns(variant.parameters, names, {"play": 0.01 * span, "ratio": size},
-                          request, {"play": (0.0, 2.0 * span)}),
-            starts, sensible={"play": 0.25 * span},
-            idle={"play": size * max(map(_way_back, model.drives))},
-        )  # fmt: skip
+
+        def fit(model: PlayModel) -> Fitted:
+            return fit_named(
+                NamedModel(
+                    names, (), model.columns, model.loads, model.slopes,
+                    resolutions=[e.signals["load"].resolution for e in experiments],
+                    logs=[e.log for e in experiments],
+                ),
+                variant.parameters, request,
+                make_unknowns(variant.parameters, names, {"play": 0.01 * span, "ratio": size},
+                              request, {"play": (0.0, 2.0 * span)}),
+                starts, sensible={"play": 0.25 * span},
+                idle={"play": size * max(map(_way_back, model.drives))},
+            )  # fmt: skip
+
+        fitted, turns, unsure = fit(model), "row", np.zeros((1, 1))
+        reaches = [reach_of(e) for e in experiments]
+        if any(np.any(low != high) for low, high in reaches):  # the load tells how far it went
+            farther = replace(model, reaches=reaches)
+            other = fit(farther)
+            unsure = _undecided(fitted, other)
+            if other.solution.cost < fitted.solution.cost:
+                model, fitted, turns = farther, other, "between"
         _refuse_lead(fitted, variant)
-        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive"])
+        fitted = _allow_for_readings(model, fitted, unsure, experiments[0].signals["drive"])
         units = experiments[0].units
         whole = _with_offset(fitted, model)
         parameters, order, matrix = whole.quantities(variant.parameters, units)
@@ -299,8 +352,8 @@ class Backlash(Family[BacklashOptions]):
 
         return make_solution(
             self.simulate, experiments, variant,
-            replace(request.options, offset_of="log" if level is None else "file"), parameters,
-            order, NoiseModel(matrix, fitted.independent, of_drive),
+            replace(request.options, offset_of="log" if level is None else "file", turns=turns),
+            parameters, order, NoiseModel(matrix, fitted.independent, of_drive),
             jacobians=[{"load": j} for j in fitted.sensitivity()],
             derived=fitted.derive({"lost_motion": units["drive"]}, lost_motion),
             notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
@@ -390,14 +443,29 @@ def _with_offset(fitted: Fitted, model: PlayModel) -> Fitted:
 
 def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) -> Followed:
     v = plant.numbers
-    return follow(e.sampled("drive"), v["ratio"], v["play"], load)
+    reach = reach_of(e) if plant.options.turns == "between" else None
+    return follow(e.sampled("drive"), v["ratio"], v["play"], load, reach)
 
 
-def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitted:
+def _undecided(one: Fitted, other: Fitted) -> FloatArray:
+    """Covariance by which of two models is right: each as probable as it makes the load."""
+    if one.names != other.names:
+        return np.zeros((1, 1))
+    rows = sum(r.size for r in one.solution.residuals)
+    costs = sorted((one.solution.cost, other.solution.cost))
+    odds = (costs[0] / max(costs[1], 1e-300)) ** (0.5 * rows)
+    apart = np.array([one.values[n] - other.values[n] for n in one.names])
+    return np.asarray(odds / (1.0 + odds) ** 2 * np.outer(apart, apart))
+
+
+def _allow_for_readings(
+    model: PlayModel, fitted: Fitted, unsure: FloatArray, drive: Signal
+) -> Fitted:
     """Add to the covariance what errors of the drive's readings do; warn where they shift the play.
 
     The readings are disturbed once more by as much as they are already, and the parameters explain
-    how the load moves then. Profiled intervals are dropped where these errors count.
+    how the load moves then; ``unsure`` is the covariance by where the drive turned. Profiled
+    intervals are dropped where these errors count.
     """
     if not fitted.names:
         return fitted
@@ -405,7 +473,7 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
     errors = [_reading_errors(x) for x in model.drives]
     changes = (np.concatenate(_disturbed(model, fitted, errors, rng)) for _ in range(_DRAWS))
     moved = np.array([np.linalg.lstsq(table, change, rcond=None)[0] for change in changes])
-    spread = np.atleast_2d(np.cov(moved.T))
+    spread = np.atleast_2d(np.cov(moved.T)) + unsure
     total = fitted.covariance + spread
     counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
     out = replace(fitted, covariance=total, intervals={} if counts else fitted.intervals)
@@ -439,12 +507,13 @@ def _disturbed(
     """Change of every load, shape ``(n,)``, with other errors of its drive; the mean left out."""
     ratio, backlash = fitted.values["ratio"], fitted.values["play"]
     out = []
-    for x, y, (noise, step) in zip(model.drives, model.loads, errors):
-        now = follow(x, ratio, backlash, y)
+    for x, y, reach, (noise, step) in zip(model.drives, model.loads, model.reaches, errors):
+        now = follow(x, ratio, backlash, y, reach)
         # strokes of one speed meet codes in a pattern: all readings of a direction share an error
         coding = step * rng.uniform(-0.5, 0.5, 2)[(np.gradient(x) > 0.0).astype(int)]
         drawn = x + coding + noise * rng.standard_normal(x.size)
-        moved = follow(drawn, ratio, backlash, now.path).path - now.path
+        other = None if reach is None else (reach[0] + drawn - x, reach[1] + drawn - x)
+        moved = follow(drawn, ratio, backlash, now.path, other).path - now.path
         moved[: now.begins] = np.mean(moved[now.begins :]) if now.begins < x.size else 0.0
         out.append(moved - np.mean(moved))
     return out
@@ -554,9 +623,10 @@ class BacklashBlock(SteppedBlock):
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Load of a recording from its drive; see :meth:`.Block.predict`."""
-        v = self.numbers()
-        x = experiment.sampled("drive")
-        return follow(x, v["ratio"], v["play"]).path + v["offset"]
+        v, x = self.numbers(), experiment.sampled("drive")
+        farther = (self.document.options or {}).get("turns") == "between"
+        reach = reach_of(experiment) if farther else None
+        return follow(x, v["ratio"], v["play"], reach=reach).path + v["offset"]
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
         """All of them; see :meth:`.Block.methods`."""
