@@ -486,7 +486,9 @@ class FlowMapBlock(Block):
         u, q, leakage = forward.argument(command), back.argument(wanted), v["leakage"]
         low, high = v["dead_band_negative"], v["dead_band_positive"]
         total: Expression = constant("leakage", leakage)
-        found = by_sign(q - leakage, high, low, float(np.clip(0.0, low, high)), jumps=True)
+        # compared as they are: a difference would hide that rounding decides beside the leakage
+        found = choose(q, "<", leakage, low, float(np.clip(0.0, low, high)), jumps=True)
+        found = choose(q, ">", leakage, high, found, jumps=True)
         for (side, _), (sign, edge, reach, gain, leak) in zip(SIDES, _sides(v)):
             width, bend = float(_fade_width(edge, gain, leak)), gain * v["curvature"]
             top = constant(f"reach_{side}", max(reach, 0.0))
