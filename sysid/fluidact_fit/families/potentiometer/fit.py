@@ -97,12 +97,16 @@ def fit_curve(data: Data, scaled: Scaled, request: Request[PotentiometerOptions]
 def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
     """Dead band that describes the data best [unit of the reading].
 
-    The branches are taken to be polynomials of the pooled curve, nearly straight ones.
+    Mean and difference of the branches are taken to be polynomials of the pooled curve. That of the
+    difference is of a low degree: with more freedom a band of a few steps, which follows the noise
+    of the reading, describes that noise.
     """
     if "hysteresis_dead_band" in request.fixed:
         return float(request.fixed["hysteresis_dead_band"])
     if request.options.dead_band is not None:
         return request.options.dead_band
+    from scipy.optimize import minimize_scalar
+
     scaled = scale_samples(data)
     model = BezierModel(min(4, _highest_degree(scaled, 1)))
     pooled = fit_map(model, scaled.few, model.starts(scaled.few)[:1])
@@ -114,15 +118,20 @@ def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
     t = (x[used] - scaled.low) / scaled.span
     y = (data.reference[part][used] - scaled.base) / scaled.stroke
     level = model.value(pooled.theta, np.column_stack((t, t)))
-    b = bernstein(np.clip(level, 0.0, 1.0), 4)
-    bands = finest * 2.0 ** np.arange(6)
-    left = []
-    for band in bands:
-        share = rising_share(x, band)[used, None]
-        columns = np.hstack((b * share, b * (1.0 - share)))
+    mean, difference = (bernstein(np.clip(level, 0.0, 1.0), n) for n in (12, 2))
+
+    def left(octaves: float) -> float:
+        """Sum of squares that branches with a band of ``finest * 2**octaves`` leave."""
+        share = rising_share(x, finest * 2.0**octaves)[used, None]
+        columns = np.hstack((mean, difference * (share - 0.5)))
         rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-        left.append(float(rest @ rest))
-    return float(bands[np.argmin(np.round(np.array(left) / min(left), 3))])
+        return float(rest @ rest)
+
+    rough = np.array([left(k) for k in range(7)])
+    best = float(np.argmin(np.round(rough / rough.min(), 3)))
+    near = (max(best - 1.0, 0.0), best + 1.0)
+    refined = minimize_scalar(left, bounds=near, method="bounded", options={"xatol": 1e-3})
+    return float(finest * 2.0**refined.x)
 
 
 def _highest_degree(scaled: Scaled, branches: int) -> int:
