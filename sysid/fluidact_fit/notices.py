@@ -506,6 +506,10 @@ _FAMILIES = {
         "The logs neither show nor rule out a saturation that would move other parameters.",
         "Raise the command further, rest longer at the highest commands, or fix the saturation.",
     ),
+    "small-misfit": _information(
+        "The calibration curve misses the readings, by less than is worth a warning.",
+        "Nothing, the intervals allow for it; a higher `--degree` may follow the sensor better.",
+    ),
     "validation-worse": _warning(
         "A map misses the positions that were held out by far more than those it was trained on.",
         "Record more positions, or give fewer `--hidden` units.",

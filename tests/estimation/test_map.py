@@ -53,7 +53,7 @@ def test_a_map_is_fitted_and_its_intervals_hold_the_truth() -> None:
         found = fit_map(
             Exponential(), rows, [np.array([1.0, -2.0]), np.array([5.0, -0.1])], apart=True
         )
-        spread = find_uncertainty([rows.slopes(found)], [rows.residual(found)], None, 0.0, False)
+        spread = find_uncertainty([rows.slopes(found)], [rows.residual(found)], None, False)
         error = np.sqrt(np.diag(spread.covariance))
         held += int(np.sum(np.abs(found.theta - [3.0, -0.7]) < 1.96 * error))
         assert found.tried == 2
@@ -128,6 +128,16 @@ def test_a_spike_stands_alone_and_a_misfit_does_not() -> None:
         residual[at] += 2.0
     found = lone_samples(y, residual, np.ones(300, dtype=bool))
     assert np.flatnonzero(found).tolist() == [100]
+
+
+def test_errors_that_go_on_for_a_while_are_no_misfit() -> None:
+    rng = np.random.default_rng(3)
+    x = np.abs(np.mod(np.arange(4000) / 500.0, 2.0) - 1.0)
+    slow = np.convolve(rng.standard_normal(4029), np.ones(30), "valid")
+    for shape, seen in ((0.0 * x, False), (6.0 * np.sin(9.0 * x), True)):
+        misfit = find_misfit(x, shape + slow, 2, None)
+        assert misfit is not None
+        assert misfit.is_sure == seen
 
 
 def test_positions_that_are_missed_and_directions_that_differ_are_seen() -> None:

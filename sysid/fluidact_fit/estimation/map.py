@@ -32,7 +32,7 @@ from .motion_state import running_median
 from .noise import PER_MEDIAN
 from .price import exhausted, simulated
 from .robust_weights import SPIKE
-from .uncertainty import Uncertainty, covariance, enlarge
+from .uncertainty import Uncertainty, covariance, enlarge, t_quantile
 
 AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
 _BEYOND_DOUBT = 1e-6  # probability of a ratio of mean squares that is worth a warning
@@ -326,9 +326,12 @@ class Misfit:
 
         between = sum_b n_b mean_b(r)^2 / (B - p),   within = sum_b sum (r - mean_b(r))^2 / (n - B)
 
-    agree where every sample has an error of its own; ``probability`` is that of their ratio.
+    agree where every sample has an error of its own; ``probability`` is that of their ratio. Errors
+    that go on for some samples look like a misfit until the map comes back there: the scatter of a
+    stretch from the first half of the rows to the second counts where it is larger.
     ``rms`` is what the map misses the positions by beyond the scatter, ``worst`` the place of the
-    largest miss and ``at_rest`` whether readings were taken at rest.
+    largest miss and ``at_rest`` whether readings were taken at rest. ``rows`` stand for the
+    positions, one for each, and ``squares`` are of the misses there without their scatter.
     """
 
     between: float
@@ -338,14 +341,17 @@ class Misfit:
     rms: float
     worst: float
     at_rest: bool
+    rows: Index
+    squares: FloatArray
+
+    @property
+    def is_sure(self) -> bool:
+        """Return whether the miss is no chance, beyond doubt."""
+        return self.probability < _BEYOND_DOUBT
 
     def matters(self, least: float) -> bool:
-        """Return whether the miss is larger than the scatter, and than what is worth saying."""
-        return self.rms > least and self.rms**2 > self.within
-
-    def is_sure(self, least: float) -> bool:
-        """Return whether the miss matters and is no chance, which a warning of it takes."""
-        return self.probability < _BEYOND_DOUBT and self.matters(least)
+        """Return whether a sure miss exceeds the scatter, and what is worth a warning."""
+        return self.is_sure and self.rms > least and self.rms**2 > self.within
 
 
 def find_misfit(
@@ -362,53 +368,69 @@ def find_misfit(
         few = np.asarray(x[:: max(n // 100_000, 1)])
         count = max(min(_STRETCHES, n // 5), 1)
         edges = np.unique(np.quantile(few, np.arange(1, count) / count))
-    size, total = np.zeros(edges.size + 1), np.zeros(edges.size + 1)
+    stretches = edges.size + 1
+    summed = np.zeros((2, 2 * stretches))
+    last = np.zeros(stretches, dtype=np.intp)  # some row of each
     for at in blocks(n):
-        key = np.searchsorted(edges, x[at], side="right")
-        size += np.bincount(key, minlength=size.size)
-        total += np.bincount(key, residual[at], minlength=size.size)
-    used = np.flatnonzero(size)
-    mean, size = total[used] / size[used], size[used]
+        second = np.arange(at.start, at.stop) >= n // 2
+        key = np.searchsorted(edges, x[at], side="right") + stretches * second
+        last[key % stretches] = np.arange(at.start, at.stop)
+        for into, values in zip(summed, (None, residual[at])):
+            into += np.bincount(key, values, minlength=into.size)
+    sizes, totals = summed.reshape(2, 2, -1)
+    used = np.flatnonzero(sizes.sum(axis=0))
+    size = sizes.sum(axis=0)[used]
+    mean = totals.sum(axis=0)[used] / size
     degrees, free, explained = size.size - unknowns, n - size.size, float(size @ mean**2)
     if degrees < 1 or free < 10:
         return None
     between, within = explained / degrees, max(square_sum(residual) - explained, 0.0) / free
+    scatter, both = within, sizes.min(axis=0) > 0.0
+    if not at_rest and 2 * np.count_nonzero(both) > size.size:
+        apart = np.diff(totals[:, both] / sizes[:, both], axis=0)[0]
+        again = float(np.mean(apart**2 / np.sum(1.0 / sizes[:, both], axis=0)))
+        if again > within:
+            scatter, free = again, int(np.count_nonzero(both))
     floor = 1e-28  # what rounding leaves of outputs of order one
-    probability = float(fdtrc(degrees, free, (between + floor) / (within + floor)))
-    rms = float(np.sqrt(max(between - within, 0.0) * degrees / n))
+    probability = float(fdtrc(degrees, free, (between + floor) / (scatter + floor)))
+    rms = float(np.sqrt(max(between - scatter, 0.0) * degrees / n))
     ends = np.concatenate(([float(np.min(x))], edges, [float(np.max(x))]))
     worst = int(used[np.argmax(np.abs(mean) * np.sqrt(size))])
     place = float(0.5 * (ends[worst] + ends[worst + 1]))
-    return Misfit(between, within, probability, degrees, rms, place, at_rest)
+    squares = np.maximum(mean**2 - scatter / size, 0.0)
+    return Misfit(between, within, probability, degrees, rms, place, at_rest, last[used], squares)
 
 
 def find_uncertainty(
     jacobians: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
     misfit: Misfit | None,
-    least: float,
     in_order: bool,
     readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> Uncertainty:
     """Covariance of the unknowns of a map, per log derivatives ``(n_i, p)`` and residuals.
 
-    Samples at one position that share the error of its reference, or that a stiff curve misses
-    alike, count as one. ``least`` is as of :meth:`Misfit.matters`, ``readings`` as of
-    :func:`.covariance`.
+    Samples at one position share the error of its reference and count as one. What a map misses
+    in a sweep is no error that more samples average out: the map itself has to hold what it misses,
+    nearly everywhere. ``readings`` are as of :func:`.covariance`.
     """
     white = found = covariance(jacobians, residuals, robust=False)
     if in_order:
         found = covariance(jacobians, residuals, small_sample=True, readings=readings)
     if misfit is None or misfit.probability > _BY_CHANCE:
         return found
-    if not (misfit.at_rest or misfit.matters(least)):
-        return found  # a sweep tells noise from misfit by neighbours only: less sure
-    shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
-    return replace(
-        found,
-        covariance=enlarge(found.covariance, shared),
-        degrees=min(found.degrees, misfit.degrees),
-    )
+    per_variance = white.covariance / max(white.sigma**2, 1e-300)
+    if misfit.at_rest:
+        matrix = enlarge(found.covariance, misfit.between * np.diag(per_variance))
+    else:
+        begin = np.cumsum([0, *map(len, jacobians)])
+        of = np.searchsorted(begin, misfit.rows, side="right") - 1
+        rows = np.array([jacobians[k][i - begin[k]] for k, i in zip(of, misfit.rows)])
+        held = np.sum(rows @ per_variance * rows, axis=1)
+        needed = misfit.squares / np.maximum(held, 0.1 * held.mean())  # or the law is flat there
+        size = float(np.quantile(needed, 0.98)) / t_quantile(0.975, misfit.degrees) ** 2
+        matrix = found.covariance + size * per_variance
+    return replace(found, covariance=matrix, degrees=min(found.degrees, misfit.degrees))
 
 
 @dataclass(frozen=True)

@@ -233,7 +233,7 @@ def fit_named_map(
         rest = data.rows.residual(found)
         misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
         spread = find_uncertainty(
-            data.by_log(jacobian), data.by_log(rest), misfit, 0.0, data.in_order, data.readings
+            data.by_log(jacobian), data.by_log(rest), misfit, data.in_order, data.readings
         )
         solved = Solved(
             model.values(found.theta), model.names, spread.covariance, spread.degrees,

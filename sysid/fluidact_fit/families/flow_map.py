@@ -362,7 +362,7 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
     """Warn of a map that misses, and of flows that differ between rising and falling commands."""
     data = found.data
     span, misfit = float(np.ptp(data.y)), found.misfit
-    if misfit is not None and misfit.is_sure(5e-3 * span):
+    if misfit is not None and misfit.matters(5e-3 * span):
         yield Notice(
             "curve-misses",
             f"the map misses the flow by {misfit.rms:.3g} {unit} (RMS), while samples beside each "

@@ -316,9 +316,7 @@ def _spread(
     if ends is not None:
         columns, gain = _with_measured_ends(fit, rows, np.asarray(columns), ends[1])
     misfit = find_misfit(rows.x[:, 0], rest, model_of(fit).unknowns, edges)
-    spread = find_uncertainty(
-        data.by_log(columns), data.by_log(rest), misfit, MATTERS, data.in_order
-    )
+    spread = find_uncertainty(data.by_log(columns), data.by_log(rest), misfit, data.in_order)
     if not np.all(np.isfinite(spread.covariance)):
         raise NotIdentifiedError(
             "the data cannot determine control_points: the curve does not depend on some of them.",
@@ -391,10 +389,19 @@ def _bound_notice(fit: MapFit) -> Iterator[Notice]:
 
 
 def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> Iterator[Notice]:
-    """Warn of a curve that misses positions by more than their readings scatter."""
-    if misfit is None or not misfit.is_sure(MATTERS):
+    """Say by how much a curve misses positions; warn where their readings scatter by less."""
+    if misfit is None or not misfit.is_sure:
         return
     reading = f"{scaled.low + misfit.worst * scaled.span:.6g}{after_number(unit)}"
+    if not misfit.matters(MATTERS):
+        if misfit.at_rest:
+            return  # positions share the errors of their references
+        yield Notice(
+            "small-misfit",
+            f"the curve misses the readings by {scaled.words(misfit.rms)} (RMS), most of all at a "
+            f"reading of {reading}; the intervals allow for it.",
+        )
+        return
     common = (
         ", or the reference at a position is off by that much, which more readings there do not "
         "mend" if misfit.at_rest else ""
