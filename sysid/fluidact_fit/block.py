@@ -115,6 +115,24 @@ def _brief(value: Value) -> str:
     return f"[{len(value)}]" if isinstance(value, list) else f"{value:.6g}"
 
 
+def as_motion_state(direction: npt.ArrayLike) -> FloatArray:
+    """Motion state of a call, from -1 (unloading) to 1 (loading).
+
+    Raises
+    ------
+    UsageError
+        For any other: logs may write 2 for unloading, and here it would be a number.
+    """
+    state = np.asarray(direction, dtype=float)
+    if (np.abs(state) > 1.0).any():
+        raise UsageError(
+            f"a motion state of {state[np.abs(state) > 1.0].flat[0]:g}",
+            expected="Expected 1 loading, -1 unloading, or 0 where it is not known.",
+            remedy="Give -1 where a log has 2.",
+        )
+    return state
+
+
 class Block(Presented, ABC):
     """A loaded model. Static maps are called with arrays; dynamic blocks step once per sample.
 
@@ -292,6 +310,8 @@ class Block(Presented, ABC):
         ValueError
             When it is not a finite number; the block is then as it was.
         """
+        if not isinstance(value, Real):
+            raise UsageError(f"{role} = {value!r} is not a number")
         number = float(value)
         if not isfinite(number):
             raise ValueError(
@@ -385,7 +405,7 @@ class SteppedBlock(Block):
 
     def with_sample_time(self, sample_time: float) -> Self:
         """Return the same model, at rest, stepping at another period [s]."""
-        if not (np.isfinite(sample_time) and sample_time > 0.0):
+        if not isinstance(sample_time, Real) or not 0.0 < float(sample_time) < np.inf:
             raise UsageError(f"sample_time {sample_time!r} is not a positive number")
         other = copy(self)
         other.parameters = copy(self.parameters)

@@ -158,6 +158,18 @@ def as_c(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
 
 
 @pytest.fixture
+def written_as_c(tmp_path: Path) -> Callable[[Any, Arithmetic], Export]:
+    """The files of a block that a test made."""
+
+    def make(block: Any, arithmetic: Arithmetic) -> Export:
+        for file, content in write(Job("map", block, arithmetic)).items():
+            (tmp_path / file).write_bytes(content)
+        return Export(tmp_path, "map", arithmetic, block)
+
+    return make
+
+
+@pytest.fixture
 def compiled(tmp_path: Path) -> Callable[[Routine], Fixed]:
     """Fixed point of a routine made by hand, after its self-test has passed."""
 

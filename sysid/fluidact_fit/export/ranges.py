@@ -77,7 +77,9 @@ def times(a: Range, b: Range) -> Range:
     """Product."""
     ends = np.stack(np.broadcast_arrays(
         a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high))  # fmt: skip
-    error = a.size * b.error + b.size * a.error + a.error * b.error
+    with np.errstate(invalid="ignore"):
+        error = a.size * b.error + b.size * a.error + a.error * b.error
+    error = np.where(np.isnan(error), np.inf, error)  # of an exact zero, or of no bound at all
     return Range(ends.min(axis=0), ends.max(axis=0), error, a.whole and b.whole)
 
 

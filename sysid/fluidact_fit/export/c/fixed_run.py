@@ -77,9 +77,11 @@ class Program:
         for (name, low, high), given in zip(self.arguments, rows.T.astype(np.int64)):
             names[f"{name}_used"] = np.clip(given, low, high)
             outside |= (given < low) | (given > high)
+        anywhere = np.zeros(len(rows), dtype=np.int64)  # in a curve that is flat all over
         for line in self.lines:
             if isinstance(line.value, Lookup):
-                names[line.name] = _looked_up(line.value, names[line.value.place])
+                place = names.get(line.value.place, anywhere)
+                names[line.name] = _looked_up(line.value, place)
             else:
                 names[line.name] = self._value(line.value, names)
         return names, outside
@@ -89,7 +91,7 @@ class Program:
         names = self._names(rows)[0]
         wanted: set[int] = set()
         for line in self.lines:
-            if isinstance(line.value, Lookup):
+            if isinstance(line.value, Lookup) and line.value.place in names:
                 cells = np.broadcast_to(_cells(line.value, names[line.value.place]), len(rows))
                 for _ in range(each):
                     order = rng.permutation(len(rows))

@@ -88,6 +88,14 @@ class Lookup:
     number: int
 
 
+def _text_of(value: str | Lookup) -> str:
+    """Text with the names that a step needs: a curve that is flat all over needs no place."""
+    if isinstance(value, str):
+        return value
+    pieces = value.table.pieces
+    return value.place if len(pieces) > 1 or pieces[0].shift >= 0 else ""
+
+
 @dataclass(frozen=True)
 class Line:
     """A step: the type and name of a value, what gives it, and what it is."""
@@ -151,8 +159,7 @@ class Sheet:
         for line in reversed(self.written):
             if line.name in wanted:
                 found.append(line)
-                value = line.value
-                wanted.update(_WORDS.findall(value if isinstance(value, str) else value.place))
+                wanted.update(_WORDS.findall(_text_of(line.value)))
         return found[::-1]
 
     def lines(self, used: str) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block, Port
+from ...block import Block, Port, as_motion_state
 from ...errors import UsageError
 from ...experiment import Experiment, FloatArray
 from ...family import Curve
@@ -122,6 +122,8 @@ class ForceMapBlock(Block):
                     remedy="Give direction=1 while loading and direction=-1 while unloading.",
                 )
             given["direction"] = held_state(v, self.options.driver, self.options)
+        elif "direction" in given:
+            given["direction"] = as_motion_state(given["direction"])
         unknown, missing = set(given) - set(self.inputs), set(self.inputs) - set(given)
         if unknown or missing:
             wrong = ", ".join(sorted(unknown | missing))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ...block import Block
+from ...block import Block, as_motion_state
 from ...experiment import Experiment, FloatArray
 from ...routines import Argument, Draft, Routine, constant
 from .data import prepare
@@ -36,14 +36,14 @@ class SpringCylinderBlock(Block):
         With a Stribeck rise friction at velocity 0 is that of the slowest motion.
         """
         self.watch(**{self.variant.name: drive, "position": position})
-        return self._law.force(drive, position, direction, velocity)
+        return self._law.force(drive, position, as_motion_state(direction), velocity)
 
     def inverse(
         self, force: _Array, position: _Array, direction: _Array = 0.0, velocity: _Array = 0.0
     ) -> FloatArray:
         """Command [V] or pressure [Pa] for a wanted force [N]; exact."""
         self.watch(force=force, position=position)
-        return self._law.command(force, position, direction, velocity)
+        return self._law.command(force, position, as_motion_state(direction), velocity)
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
         """Both of them; see :meth:`.Block.methods`."""
