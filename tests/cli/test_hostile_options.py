@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -145,12 +146,16 @@ def test_a_simulation_of_steps_reads_no_log(option: str, here: Run, inside: Path
     assert here("simulate", "valve.yaml", *steps).status == 0
 
 
-def test_a_start_beyond_all_numbers_is_blamed(here: Run, inside: Path) -> None:
+def test_a_start_beyond_all_numbers_breaks_nothing(here: Run, inside: Path) -> None:
+    """A search steps back from where the motion cannot be followed, or refuses in words."""
     words = dataset("ball-screw", 60, inside / "log.csv")
-    done = here(*words, "--start", "coulomb_negative=1e30")
+    done = here(*words, "--start", "inertia=1e30")
     assert done.status == 4, done.err
-    assert "--start" in done.err
+    assert "cannot determine inertia" in done.err
     assert [p.name for p in inside.iterdir()] == ["log.csv"]
+    done = here(*words, "--start", "coulomb_negative=1e30", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["fit"]["fit_percent"] > 99.0
 
 
 def test_a_rate_that_never_gets_anywhere_costs_no_memory(here: Run, inside: Path) -> None:

@@ -305,7 +305,7 @@ def test_columns_and_units_are_told_in_the_call(
         "units": {"time": "ms", "inlet": "bar", "outlet": "bar"},
         "scales": {"outlet": 2.0},
     }
-    other = frame.assign(p2=frame["p2"] + 1e-4)  # rows that are not fitted
+    other = frame.assign(p2=1.001 * frame["p2"])  # rows that are not fitted
     for data in (frame, dict(frame.items()), [frame]):
         found = ff.fit("line", data, validate=[other], **told)
         for name, value in expected.items():

@@ -105,7 +105,8 @@ def check_options(
             "--pressures=drive is about logs of a force and of what the pressures do beside it.",
             remedy="Give --column force=HEADER and --column pressure=HEADER, or leave it out.",
         )
-    for role, name in (("pressure", "area"), ("pressure_2", "area_2")):
+    chambers, bare = (("pressure", "area"), ("pressure_2", "area_2")), list[tuple[str, str]]()
+    for role, name in chambers:
         option, area = f"--{name.replace('_', '-')}", getattr(options, name)
         without = [e.name for e in experiments if role not in e]
         if driven and without and role == "pressure_2":
@@ -121,18 +122,21 @@ def check_options(
                 "--step pressure_2=0:0.",
             )
         if area is None and len(without) < len(experiments):
-            raise UsageError(
-                f"'{role}' was given without a piston area",
-                remedy=f"Give {option}=M2 (bore 25 mm: --area=4.9087e-4; less the rod on its side)"
-                + ("." if driven else ", and --pressures=drive if it moves the piston against the "
-                "measured force; or leave it out if it is all that moves the piston."),
-            )  # fmt: skip
+            bare.append((f"'{role}'", f"{option}=M2"))
         if area is not None and without and role != variant.output.name:
             raise UsageError(
                 f"{option} was given, but {without[0]} has no {role}",
                 remedy=f"Give --column {role}=HEADER (or --input {role}=FROM:TO@T, to simulate), "
                 f"or leave {option} out of the fit.",
             )
+    if bare:
+        roles, missing = zip(*bare)
+        raise UsageError(
+            f"{' and '.join(roles)} {'were' if roles[1:] else 'was'} given without a piston area",
+            remedy=f"Give {' '.join(missing)} (bore 25 mm: --area=4.9087e-4; less the rod on its "
+            "side)" + ("." if driven else ", and --pressures=drive if it moves the piston against "
+            "the measured force; or leave it out if it is all that moves the piston."),
+        )  # fmt: skip
     if driven and not options.area:
         raise UsageError("--area is zero", remedy="Give the piston area in m2.")
     untimed = [e.name for e in experiments if not e.time.size]
