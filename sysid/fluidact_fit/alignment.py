@@ -73,9 +73,8 @@ def _aligned(
     own = each[k]
     errors = np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
     order = tuple(dict.fromkeys(
-        name + "".join(f"[{i}]" for i in at)
-        for name in dict.fromkeys(place_of(n)[0] for n in own.order) if name in common
-        for at in np.ndindex(np.shape(common[name]))
+        entry for name in (place_of(n)[0] for n in own.order) if name in common
+        for entry in _entry_names(name, common[name])
     ))  # fmt: skip
     slopes = np.zeros((len(order), len(own.order)))
     for column, (name, error) in enumerate(zip(own.order, errors)):
@@ -102,9 +101,13 @@ def _errors(name: str, value: Value, sizes: Mapping[str, float], q: Quantity) ->
     """Standard errors in the shape of a value, as far as it has any."""
     if q.std_error is None:
         return None
-    shape = np.shape(value)
-    flat = [sizes.get(name + "".join(f"[{i}]" for i in at), 0.0) for at in np.ndindex(shape)]
-    return float(flat[0]) if not shape else np.reshape(flat, shape).tolist()
+    flat = [sizes.get(entry, 0.0) for entry in _entry_names(name, value)]
+    return flat[0] if np.ndim(value) == 0 else np.reshape(flat, np.shape(value)).tolist()
+
+
+def _entry_names(name: str, value: Value) -> list[str]:
+    """Names of the numbers of a value, as in ``control_points[2]``."""
+    return [name + "".join(f"[{i}]" for i in at) for at in np.ndindex(np.shape(value))]
 
 
 def _moved(values: Mapping[str, Value], name: str, step: float) -> dict[str, Value]:

@@ -34,7 +34,7 @@ from .logs import Log, LogLike, Reading, describe, open_logs
 from .logs.log import count_of
 from .options import describe as describe_options
 from .parameter_table import Entry, entries_of, recorded_units
-from .parameters.document import LogSource, ParameterDocument
+from .parameters.document import LogSource, ParameterDocument, window_ends
 from .presentation import ParametersLike, Presented, document_of
 from .tables import Table, format_estimate, format_number, probability_text
 from .units import after_number, display_unit
@@ -279,8 +279,8 @@ def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Compari
         for other, (name, document) in zip(each[1:], files[1:])
     )
     names = tuple(n for n, _ in files)
-    options = tuple(f"{text[0].upper()}{text[1:]}." for text in [about] if text)
-    options += tuple(_different_options(files))
+    shown = [f"{about[0].upper()}{about[1:]}."] if about else []
+    options = (*shown, *_different_options(files))
     return Comparison(first.family, names, parameters, together, recorded_units(first), options)
 
 
@@ -384,11 +384,10 @@ def _shared_logs(first: ParameterDocument, other: ParameterDocument) -> tuple[st
 
 def _windows_overlap(one: LogSource, two: LogSource) -> bool:
     """Return whether two parts of a log have time in common [s]."""
-    starts, ends = zip(*(
-        [float(end) if end else np.inf * sign for end, sign in zip(window.split(":"), (-1, 1))]
-        for window in ((s.details or {}).get("window") or ":" for s in (one, two))
-    ))  # fmt: skip
-    return max(starts) < min(ends)
+    windows = [window_ends((s.details or {}).get("window")) for s in (one, two)]
+    starts = [low for low, _ in windows if low is not None]
+    ends = [high for _, high in windows if high is not None]
+    return max(starts, default=-np.inf) < min(ends, default=np.inf)
 
 
 @dataclass(frozen=True)

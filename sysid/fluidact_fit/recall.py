@@ -12,7 +12,7 @@ from .logs import Log, LogLike, StepInput, open_logs, share_columns
 from .logs.columns import matching, missing_roles, reference_of
 from .logs.opening import listed_logs
 from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
-from .parameters.document import Column, LogSource, ParameterDocument
+from .parameters.document import Column, LogSource, ParameterDocument, window_ends
 from .specification import Role
 from .units import parse_unit_from_header
 
@@ -175,9 +175,7 @@ def _recall_parts(log: Log, details: Mapping[str, Any]) -> Log:
         log = without(log, [parse_exclusion(text) for text in excluded])
         recalled += [f"--exclude {text}" for text in excluded]
     if log.window is None and (window := details.get("window")):
-        low, _, high = window.partition(":")
-        ends = (float(low) if low else None, float(high) if high else None)
-        log = replace(log, window=ends)
+        log = replace(log, window=window_ends(window))
         recalled.append(f"--window {window}")
     if not recalled:
         return log

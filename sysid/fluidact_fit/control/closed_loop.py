@@ -298,10 +298,7 @@ def _read_reference(path: str, unit: str) -> SampledReference:
             )
         given = found[0].unit
         columns[name] = found[0].values * (conversion_factor(given, si, log.name) if given else 1.0)
-    time = columns["time"]
-    if time.size < 2 or not (np.diff(time) > 0.0).all():
-        raise LogError(
-            "the time of a reference has to rise from row to row, over two rows or more",
-            where=log.name,
-        )
-    return SampledReference(time - time[0], columns["reference"])
+    try:
+        return SampledReference(columns["time"] - columns["time"][0], columns["reference"])
+    except UsageError as error:
+        raise LogError(error.what, where=log.name) from error

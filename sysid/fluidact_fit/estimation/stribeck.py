@@ -162,7 +162,7 @@ class Rise:
     def columns(
         self, sign: FloatArray, velocity: FloatArray, noise: float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
-        """What multiplies the level, and a change of the speed, ``(n,)`` each; see :meth:`shares`.
+        """Factors of the level and of a change of the speed, ``(n,)`` each; see :meth:`shares`.
 
         ``sign`` is that of the motion.
         """

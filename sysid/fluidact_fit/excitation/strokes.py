@@ -98,8 +98,9 @@ def _speed_limits(task: Task) -> tuple[float, float]:
         raise UsageError(
             "the speeds allow no motion in both directions.",
             expected=f"Both ends have to lie beyond {task.excitation.slowest:.3g} {unit}.",
-            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1; a "
-            f"stroke of {task.limits.travel:.3g} within the rate reaches {most:.3g} {unit}.",
+            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1."
+            + f" Within --stroke and --rate {most:.3g} {unit} can be reached."
+            * bool(most < np.inf),
         )
     return low, high
 

@@ -86,7 +86,7 @@ class BacklashOptions(FamilyOptions):
         choices=("log", "file"),
     )  # fmt: skip
     turns: str | None = settled(
-        "choice", "whether the drive turns at a row, or goes on beyond it as it came",
+        "choice", "whether the drive turns at a row, or between two rows",
         choices=("row", "between"),
     )  # fmt: skip
 
@@ -117,7 +117,7 @@ Reach = tuple[FloatArray, FloatArray]  # least and largest drive since the row b
 
 
 def reach_of(e: Experiment) -> Reach:
-    """How far the drive went since the row before: it may have turned between two rows.
+    """Least and largest drive since the row before: it may have turned between two rows.
 
     A drive that is held turned at none.
     """
@@ -448,7 +448,7 @@ def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) ->
 
 
 def _undecided(one: Fitted, other: Fitted) -> FloatArray:
-    """Covariance by which of two models is right: each as probable as it makes the load."""
+    """Covariance from not knowing which of two models is right, weighed by their likelihoods."""
     if one.names != other.names:
         return np.zeros((1, 1))
     rows = sum(r.size for r in one.solution.residuals)

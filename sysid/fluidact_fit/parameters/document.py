@@ -361,10 +361,16 @@ class _KnownLogDetails(BaseModel):
     @field_validator("window")
     @classmethod
     def _starts_first(cls, window: str | None) -> str | None:
-        low, _, high = (window or "").partition(":")
-        if low and high and float(low) >= float(high):
+        low, high = window_ends(window)
+        if low is not None and high is not None and low >= high:
             raise ValueError(f"the window '{window}' is empty")
         return window
+
+
+def window_ends(window: str | None) -> tuple[float | None, float | None]:
+    """Ends of a window as a log's details hold it, ``0.5:8`` [s]; ``None`` for an open one."""
+    low, _, high = (window or "").partition(":")
+    return float(low) if low else None, float(high) if high else None
 
 
 class LogSource(Part):

@@ -57,12 +57,12 @@ class Data:
 
     @property
     def reading(self) -> FloatArray:
-        """What was logged of the drive, shape ``(n,)`` [N]."""
+        """Logged drive, shape ``(n,)`` [N]."""
         return self.scale * self.experiment.sampled(self.variant.output.name)
 
     @property
     def resolution(self) -> float:
-        """Step of what was logged of the drive [N]."""
+        """Step of the logged drive [N]."""
         return abs(self.scale) * self.experiment.signals[self.variant.output.name].resolution
 
     def say(self, force: float, form: str = ".3g") -> str:
@@ -245,7 +245,7 @@ def described(motion: Motion, options: FrictionOptions) -> BoolArray:
 
 
 def narrow(data: Sequence[Data], options: FrictionOptions) -> list[Data]:
-    """Keep of the samples those that the options describe."""
+    """Keep the samples that the options describe."""
     return [replace(d, kept=d.kept & described(d.motion, options)) for d in data]
 
 

@@ -78,9 +78,9 @@ def over_common_readings(
             common[f"weights{suffix}"] = (bottom / bottom[0]).tolist()
         out.append(common)
     if low >= high:
-        return out, "no reading lies in the ranges of all: the curves cannot be compared"
+        return out, "the ranges of readings do not overlap: the curves cannot be compared"
     return out, (
-        f"control points and weights are those over the readings that all cover, {low:.6g} to "
+        f"control points and weights refer to the common range of readings, {low:.6g} to "
         f"{high:.6g}, at degree {degree - 1}"
     )
 
