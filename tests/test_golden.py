@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
@@ -44,6 +45,42 @@ def test_a_controller_can_load_it(path: Path) -> None:
     block = ff.load(path)
     assert block.not_identified == ()
     assert block.verdict == "pass"
+
+
+FROM_LOGS = (
+    "valve_gain_",
+    "friction_extending",
+    "friction_retracting",
+    "torque_offset",
+    "force_offset",
+)
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_a_derived_number_changed_by_hand_is_refused(path: Path, tmp_path: Path) -> None:
+    text = path.read_text()
+    derived = ff.read_document(path).derived
+    for name, entry in derived.items():
+        if name.startswith(FROM_LOGS):
+            continue
+        changed = tmp_path / path.name
+        line = f"  {name}: {{value: {entry.value!r},"
+        assert line in text
+        other = 1.01 * entry.value + (entry.std_error or 0.0)
+        changed.write_text(text.replace(line, f"  {name}: {{value: {other!r},"))
+        with pytest.raises(ff.ParameterFileError) as caught:
+            ff.read_document(changed)
+        assert [place for place, _ in caught.value.problems] == [f"derived.{name}.value"]
+
+
+def test_the_error_of_a_derived_number_changed_by_hand_is_refused(tmp_path: Path) -> None:
+    (path,) = (p for p in GOLDEN if p.parent.name == "0.1.0" and p.stem == "line")
+    document = ff.read_document(path).to_dict()
+    document["derived"]["bandwidth"]["std_error"] *= 0.5
+    changed = tmp_path / "line.yaml"
+    changed.write_text(yaml.safe_dump(document))
+    with pytest.raises(ff.ParameterFileError, match=r"derived\.bandwidth\.std_error"):
+        ff.read_document(changed)
 
 
 def test_the_network_of_the_controller_study_is_a_file_of_this_version() -> None:

@@ -239,6 +239,13 @@ class Family(ABC, Generic[OptionsT]):
         """
         return {}
 
+    def derived(self, values: Mapping[str, Any], options: OptionsT) -> Mapping[str, Any]:
+        """Return the derived numbers that follow from parameters and options alone, by name.
+
+        They are analytic in the values, for standard errors. A reader computes them again.
+        """
+        return {}
+
     def information(self, plant: Plant[OptionsT], experiment: Experiment) -> Information | None:
         """Return the information that an experiment would give, from its inputs alone.
 

@@ -17,6 +17,7 @@ from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
 
 Value = float | list[float] | list[list[float]]
+_STEP = 1e-30  # complex step: no cancellation
 Status = Literal["estimated", "fixed", "derived", "not_identified"]
 # what is only read may hold the options of any family
 ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
@@ -366,6 +367,39 @@ class Described(Protocol):
     def model(self, plant: Plant[FamilyOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Return the ``model`` part that belongs to the values."""
         ...
+
+    def derived(self, values: Mapping[str, Any], options: FamilyOptions) -> Mapping[str, Any]:
+        """Return the derived numbers that follow from the values alone."""
+        ...
+
+
+def propagate(
+    function: Callable[[Mapping[str, Any]], Mapping[str, Any]],
+    values: Mapping[str, Any],
+    names: Sequence[str],
+    covariance: FloatArray,
+) -> dict[str, tuple[float, float | None]]:
+    """Numbers computed from values, each with its standard error by the delta method.
+
+    Parameters
+    ----------
+    function
+        Analytic in its values; its gradient is taken by complex steps.
+    values, names, covariance
+        All values, those that were estimated, and their covariance, shape ``(p, p)``. A number in
+        which none of them enters has no standard error.
+    """
+    rows = {}
+    for name in names:
+        moved = function({**values, name: values[name] + 1j * _STEP})
+        rows[name] = {key: float(np.imag(value)) / _STEP for key, value in moved.items()}
+    out = {}
+    for key, value in function(values).items():
+        gradient = np.array([rows[name].get(key, 0.0) for name in names])
+        variance = float(gradient @ covariance @ gradient) if gradient.any() else None
+        error = None if variance is None else float(np.sqrt(max(variance, 0.0)))
+        out[key] = float(value), error
+    return out
 
 
 def scalars(parameters: Mapping[str, Value]) -> dict[str, float]:

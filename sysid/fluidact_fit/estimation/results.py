@@ -14,9 +14,8 @@ import numpy as np
 
 from ..errors import Notice, NotIdentifiedError
 from ..experiment import FloatArray
-from ..specification import ParameterSpec, Quantity
+from ..specification import ParameterSpec, Quantity, propagate
 from ..units import after_number
-from .problem import STEP
 from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
@@ -219,19 +218,13 @@ class Solved:
     ) -> dict[str, Quantity]:
         """Numbers computed from the values, with standard errors by the delta method.
 
-        ``function`` is analytic in its values; its gradient is taken by complex steps.
+        ``function`` is analytic in its values; see :func:`.propagate`.
         """
-        rows = {}
-        for name in self.names:
-            moved = {**self.values, name: self.values[name] + 1j * STEP}
-            rows[name] = {k: float(np.imag(v)) / STEP for k, v in function(moved).items()}
-        out = {}
-        for key, value in function(self.values).items():
-            gradient = np.array([rows[n].get(key, 0.0) for n in self.names])
-            variance = float(gradient @ self.covariance @ gradient)
-            error = float(np.sqrt(max(variance, 0.0))) if self.names else None
-            out[key] = Quantity(float(value), units[key], "derived", error)
-        return out
+        found = propagate(function, self.values, self.names, self.covariance)
+        return {
+            key: Quantity(value, units[key], "derived", error)
+            for key, (value, error) in found.items()
+        }
 
 
 def _interval(value: float, half: float, spec: ParameterSpec) -> str:

@@ -346,18 +346,21 @@ class Backlash(Family[BacklashOptions]):
         noise = max(_reading_errors(x)[0] for x in model.drives)
         of_drive = {"drive": NoiseLevel(noise, _POWER)} if noise else {}
 
-        def lost_motion(v: Values) -> dict[str, Any]:
-            """Way of the drive from one side of the play to the other."""
-            return {"lost_motion": v["play"] / (v["ratio"] * np.sign(np.real(v["ratio"])))}
-
         return make_solution(
             self.simulate, experiments, variant,
             replace(request.options, offset_of="log" if level is None else "file", turns=turns),
             parameters, order, NoiseModel(matrix, fitted.independent, of_drive),
             jacobians=[{"load": j} for j in fitted.sensitivity()],
-            derived=fitted.derive({"lost_motion": units["drive"]}, lost_motion),
+            derived=fitted.derive(
+                {"lost_motion": units["drive"]}, lambda v: self.derived(v, request.options)
+            ),
             notices=[*fitted.notices, *notices], details={**fitted.details(), **logs},
         )  # fmt: skip
+
+    def derived(self, values: Values, options: BacklashOptions) -> dict[str, Any]:
+        """Way of the drive from one side of the play to the other; see :meth:`Family.derived`."""
+        ratio = values["ratio"]
+        return {"lost_motion": values["play"] / (ratio * np.sign(np.real(ratio)))}
 
     def simulate(
         self,

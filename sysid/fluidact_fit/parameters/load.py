@@ -17,7 +17,7 @@ import numpy as np
 from ..arguments import require
 from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
-from ..specification import Described
+from ..specification import Described, propagate
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .problems import Location, Problems, format_path
@@ -147,7 +147,8 @@ def check_agreement(
 ) -> None:
     """Compare the ``model`` part of a valid document with the one that its parameters give.
 
-    Standard errors are compared with the covariance.
+    So are the derived numbers that follow from the parameters; standard errors are compared with
+    the covariance.
 
     Raises
     ------
@@ -158,6 +159,7 @@ def check_agreement(
         *_strange_model(document, family),
         *_strange_offset(document, family),
         *_strange_errors(document),
+        *_strange_derived(document, family),
     ]
     if wrong:
         raise ParameterFileError(where, [(format_path(p), words) for p, words in wrong], _CHANGED)
@@ -219,6 +221,28 @@ def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
             if abs(error - due) > _ALIKE * due + _LEAST:
                 words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
                 yield ("parameters", name, "std_error", *index), words
+
+
+def _strange_derived(document: ParameterDocument, family: Described) -> Iterator[Problem]:
+    """Yield derived numbers, and errors of them, that are not those of the parameters."""
+    options = document.settled_options(family.options_type)
+    values: Mapping[str, Any] = document.values()
+    order, matrix = [], np.zeros((0, 0))
+    if document.covariance is not None and set(document.covariance.order) <= values.keys():
+        order, matrix = document.covariance.order, np.array(document.covariance.matrix)
+    try:
+        due = propagate(lambda v: family.derived(v, options), values, order, matrix)
+    except (FluidactError, ArithmeticError, ValueError) as failure:
+        yield ("derived",), f"cannot be made from the parameters: {failure}"
+        return
+    for name in due.keys() & document.derived.keys():
+        (value, error), entry = due[name], document.derived[name]
+        place = ("derived", name)
+        slack = _ALIKE * max(error or 0.0, _LEAST)
+        yield from disagreements(entry.value, value, (*place, "value"), slack)
+        if error and _is_number(entry.std_error) and abs(entry.std_error - error) > slack:
+            words = f"{entry.std_error!r} does not agree with the covariance, which gives"
+            yield (*place, "std_error"), f"{words} {error:.6g}"
 
 
 def disagreements(

@@ -46,7 +46,7 @@ from ...family import (
     Variant,
 )
 from .block import DriveBlock
-from .fit import fit_drive
+from .fit import derived_numbers, fit_drive
 from .levels import bracket_widths
 from .model import (
     BREAKAWAY,
@@ -173,6 +173,10 @@ class BallScrew(Family[BallScrewOptions]):
         if sample_time > 0.0:
             section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
         return section
+
+    def derived(self, values: Mapping[str, Any], options: BallScrewOptions) -> Mapping[str, Any]:
+        """Levels and time constant of coasting; see :meth:`Family.derived`."""
+        return derived_numbers(values)
 
     def unmodelled_effects(self, plant: Plant[BallScrewOptions]) -> Sequence[UnmodelledEffect]:
         """Another fall from static to kinetic friction; see :meth:`Family.unmodelled_effects`."""

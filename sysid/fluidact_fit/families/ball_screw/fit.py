@@ -16,7 +16,6 @@ from ...experiment import Experiment, FloatArray
 from ...family import (
     NoiseModel,
     ParameterSpec,
-    Quantity,
     Request,
     Simulate,
     Solution,
@@ -134,7 +133,9 @@ def _finish(
     )
     table, drift = fitted.compare_logs(experiments)
     drive = stage.axis.drive
-    derived = derived_numbers(solved, stage.axis.inertia, variant.role(drive).unit)
+    unit = variant.role(drive).unit
+    units = {"coulomb_mean": unit, "coulomb_offset": unit, "time_constant": "s"}
+    derived = solved.derive(units, derived_numbers)
     last = "position, speed and acceleration" if beyond else "position"
     unequal = unequal_levels(
         derived, drive, "the zero of the amplifier or sensor, weight",
@@ -224,13 +225,9 @@ def refusal_notices(
     return [refuse(variant.parameter(n), r.reason, written.get(n, "")) for n, r in refused.items()]
 
 
-def derived_numbers(solved: Solved, inertia: str, unit: str) -> dict[str, Quantity]:
-    """Offset and mean of the kinetic levels [``unit``], and the time constant of coasting."""
-    coasts = solved.values.get("viscous", 0.0) > 0.0
-
-    def function(v: Values) -> Values:
-        levels = mean_and_offset(v)
-        return {**levels, "time_constant": v[inertia] / v["viscous"]} if coasts else levels
-
-    units = {"coulomb_mean": unit, "coulomb_offset": unit, "time_constant": "s"}
-    return solved.derive(units, function)
+def derived_numbers(values: Values) -> Values:
+    """Mean of the kinetic levels and half their difference, and the time constant of coasting."""
+    levels, viscous = mean_and_offset(values), values.get("viscous", 0.0)
+    if np.real(viscous) <= 0.0:
+        return levels
+    return {**levels, "time_constant": values["mass" if "mass" in values else "inertia"] / viscous}

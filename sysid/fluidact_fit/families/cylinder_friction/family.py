@@ -25,7 +25,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -60,7 +60,7 @@ from ...family import (
     Variant,
     make_solution,
 )
-from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.friction_law import FrictionLaw, mean_and_offset
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
 from .fit import SECOND_SPEED, fit_friction
@@ -249,6 +249,10 @@ class CylinderFriction(Family[FrictionOptions]):
         """Assume the values of the other direction; no viscous friction at all, and no rise."""
         pair = next((names for names in (LEVELS, ONE_SIDED) if name in names), ())
         return max((plant.numbers[n] for n in pair), default=0.0)
+
+    def derived(self, values: Mapping[str, Any], options: FrictionOptions) -> Mapping[str, Any]:
+        """Mean of the Coulomb levels, half their difference; see :meth:`Family.derived`."""
+        return mean_and_offset(values)
 
     def model(
         self, plant: Plant[FrictionOptions], sample_time: float, hold: Hold

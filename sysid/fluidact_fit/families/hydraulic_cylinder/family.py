@@ -10,7 +10,7 @@ command and pressure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -47,7 +47,7 @@ from ...mechanics.hydraulic_cylinder import EDGES, THETA
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
 from .gray_box import CHANNELS
-from .gray_fit import fit_gray
+from .gray_fit import fit_gray, resonance
 from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
@@ -217,6 +217,12 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
             },
             **({"networks": layers} if layers else {}),
         }
+
+    def derived(
+        self, values: Mapping[str, Any], options: HydraulicCylinderOptions
+    ) -> Mapping[str, Any]:
+        """Resonance on the oil, where it was fitted; see :meth:`Family.derived`."""
+        return resonance(values, options) if options.stage == "gray-box" else {}
 
     def block(self, variant: Variant, document: ParameterDocument) -> HydraulicBlock:
         """Flow, velocity and command for a controller."""

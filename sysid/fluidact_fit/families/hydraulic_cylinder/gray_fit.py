@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.minimise import Minimum
-from ...estimation.named_model import Values, make_unknowns
+from ...estimation.named_model import make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import (
@@ -20,7 +21,7 @@ from ...estimation.stribeck import (
     with_speed,
 )
 from ...experiment import Experiment, FloatArray
-from ...family import NoiseModel, Plant, Quantity, Simulated, Solution, make_solution
+from ...family import NoiseModel, Plant, Simulated, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
 from .case import Case, read_machine
@@ -209,7 +210,13 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
             for log, j in zip(point.problem.logs, point.jacobian)
         ],
         simulate_near=Nearby(point, [(e.log, e.name) for e in case.experiments]),
-        derived={**gains, **_resonance(case, solved)},
+        derived={
+            **gains,
+            **solved.derive(
+                {"natural_frequency": "rad/s", "damping_ratio": "1"},
+                lambda v: resonance(v, options),
+            ),
+        },
         notices=notices,
         details={
             "method": "gray-box output error of pressures and position",
@@ -266,13 +273,12 @@ def _spread(point: GrayPoint) -> FloatArray:
     return np.where(spread > 0.0, spread, sigma)
 
 
-def _resonance(case: Case, solved: Solved) -> dict[str, Quantity]:
+def resonance(values: Mapping[str, Any], options: HydraulicCylinderOptions) -> dict[str, Any]:
     """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
-    m, mass, middle = case.machine, case.machine.mass or 1.0, np.array(case.rest_position)
+    m, middle = read_machine(options, (1, 2)), np.array(options.rest_position or 0.0)
+    if not m.complete:  # a file that was changed: whoever simulates it says what it lacks
+        return {}
+    mass = m.mass or 1.0
     compliance = sum(m.area(i) ** 2 / float(m.volume(i, middle)) for i in (1, 2))
-
-    def function(v: Values) -> Values:
-        omega = np.sqrt(v["bulk_modulus"] * compliance / mass)
-        return {"natural_frequency": omega, "damping_ratio": v["viscous"] / (2.0 * mass * omega)}
-
-    return solved.derive({"natural_frequency": "rad/s", "damping_ratio": "1"}, function)
+    omega = np.sqrt(values["bulk_modulus"] * compliance / mass)
+    return {"natural_frequency": omega, "damping_ratio": values["viscous"] / (2.0 * mass * omega)}

@@ -298,6 +298,10 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             [Curve("command rising", up, rising), Curve("command falling", up[::-1], falling)],
         )  # fmt: skip
 
+    def derived(self, values: Values, options: MotorOptions) -> Values:
+        """Speed at and beyond the saturation; see :meth:`Family.derived`."""
+        return _saturation_speeds(values)
+
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve, the lag behind it, and that lag for a speed held between samples."""
         v = plant.numbers

@@ -50,12 +50,12 @@ from ...family import (
     make_solution,
 )
 from .block import PotentiometerBlock
-from .calibration import Calibration, over_common_readings
+from .calibration import SECOND, Calibration, over_common_readings
 from .data import between, check_both_directions, gather, prepare, scale_samples
 from .fit import find_dead_band, fit_curve, is_rising_or_falling
 from .options import PotentiometerOptions
 from .rational_bezier import power_coefficients, rational_bezier
-from .results import curve_quantities, derived_quantities, fit_details
+from .results import curve_quantities, derived_quantities, fit_details, sizes_of
 
 
 class Potentiometer(Family[PotentiometerOptions]):
@@ -186,6 +186,13 @@ class Potentiometer(Family[PotentiometerOptions]):
             return {"curve": curve | ratios[0]}
         branches = dict(zip(("rising", "falling"), ratios))
         return {"curve": curve | {"hysteresis_dead_band": c.dead_band} | branches}
+
+    def derived(
+        self, values: Mapping[str, Any], options: PotentiometerOptions
+    ) -> Mapping[str, Any]:
+        """Stroke and width of the hysteresis; see :meth:`Family.derived`."""
+        given = ((values.get(f"control_points{s}"), values.get(f"weights{s}")) for s in SECOND)
+        return sizes_of([(np.array(p), np.array(w)) for p, w in given if p and w])
 
     def static_view(self, plant: Plant[PotentiometerOptions], runs: Runs) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""

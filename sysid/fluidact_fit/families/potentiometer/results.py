@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,14 +58,26 @@ def curve_quantities(
 def derived_quantities(found: CurveFit, scaled: Scaled) -> dict[str, Quantity]:
     """Stroke between the extreme readings, and the width of the hysteresis."""
     n, curves = found.model.degree, curves_of(found.fit)
-    p, c = curves[0][0], found.spread.covariance
+    c = found.spread.covariance
     error = float(np.sqrt(max(c[0, 0] + c[n, n] - 2.0 * c[0, n], 0.0)))
-    stroke = abs(float(p[-1] - p[0])) * scaled.stroke
-    out = {"stroke": Quantity(stroke, scaled.output.unit, "derived", error * scaled.stroke)}
+    found_sizes = {name: size * scaled.stroke for name, size in sizes_of(curves).items()}
+    errors = {"stroke": error * scaled.stroke}
+    return {
+        name: Quantity(size, scaled.output.unit, "derived", errors.get(name))
+        for name, size in found_sizes.items()
+    }
+
+
+def sizes_of(curves: Sequence[tuple[FloatArray, FloatArray]]) -> dict[str, float]:
+    """Stroke between the extreme readings and, of two branches, the width of the hysteresis.
+
+    ``curves`` are control points and weights of each, shape ``(n,)``.
+    """
+    points = curves[0][0]
+    out = {"stroke": abs(float(points[-1] - points[0]))}
     if len(curves) == 2:
         rise, fall = (rational_bezier(np.linspace(0.0, 1.0, 1001), *c) for c in curves)
-        width = float(np.mean(np.abs(rise - fall))) * scaled.stroke
-        out["hysteresis"] = Quantity(width, scaled.output.unit, "derived")
+        out["hysteresis"] = float(np.mean(np.abs(rise - fall)))
     return out
 
 

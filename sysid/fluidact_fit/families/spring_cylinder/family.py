@@ -5,7 +5,7 @@ Linear in all parameters but the Stribeck speed: one regression, robust against 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -140,10 +140,7 @@ class SpringCylinder(Family[SpringOptions]):
         parameters, order, matrix = solved.quantities(variant.parameters, experiments[0].units)
         derived = {}
         if not any(n in solved.refused for n in LEVELS):  # known whatever is assumed of the preload
-            derived = solved.derive(
-                {"hysteresis_width": "N"},
-                lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
-            )
+            derived = solved.derive({"hysteresis_width": "N"}, lambda v: self.derived(v, options))
         settled = replace(options, spike=found.limit)
         noisy = input_noise(variant, runs) if found.instrumented else {}
         noise = NoiseModel(matrix, solved.independent, noisy)
@@ -154,6 +151,10 @@ class SpringCylinder(Family[SpringOptions]):
             notices=[*fit.notices, *_remarks(fit, runs, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
+
+    def derived(self, values: Mapping[str, Any], options: SpringOptions) -> Mapping[str, Any]:
+        """Force between the branches; see :meth:`Family.derived`."""
+        return {"hysteresis_width": values[LEVELS[0]] + values[LEVELS[1]]}
 
     def simulate(
         self,

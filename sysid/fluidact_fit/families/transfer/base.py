@@ -34,7 +34,6 @@ from ...family import (
     Information,
     ParameterDocument,
     Plant,
-    Quantity,
     Request,
     Simulated,
     Solution,
@@ -56,6 +55,8 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     ----------
     dead_zone
         Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive`` first.
+    derived_units
+        SI units of the derived numbers, by name.
     """
 
     dead_zone: ClassVar[bool] = False
@@ -71,9 +72,11 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """Numerator and denominator, falling powers of ``s``."""
 
-    @abstractmethod
-    def derive(self, fitted: Fitted, options: T) -> tuple[dict[str, Quantity], list[Notice]]:
-        """Numbers computed from the parameters, and what is to be said of them."""
+    derived_units: ClassVar[Mapping[str, str]]
+
+    def remarks(self, fitted: Fitted, options: T) -> list[Notice]:
+        """What is to be said of the derived numbers."""
+        return []
 
     def beginnings(self, values: Values) -> Free:
         """Possible initial states of a run with an offset of its own; any state."""
@@ -104,9 +107,10 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     ) -> Solution[T]:
         """Output-error fit from several starts; see :meth:`Family.estimate`."""
         found = fit_response(ResponseTask.of(self, variant, experiments, request))
-        derived, said = self.derive(found.fitted, request.options)
+        fitted, options = found.fitted, found.settled(request.options)
+        derived = fitted.derive(self.derived_units, lambda v: self.derived(v, options))
         return found.solution(
-            self.simulate, experiments, variant, found.settled(request.options), derived, said
+            self.simulate, experiments, variant, options, derived, self.remarks(fitted, options)
         )
 
     def simulate(

@@ -20,13 +20,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ...errors import LogError, Notice, NotIdentifiedError
+from ...errors import LogError, NotIdentifiedError
 from ...estimation.named_model import Values, bind
-from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
 from ...estimation.results import Refusal
@@ -38,7 +37,6 @@ from ...family import (
     ParameterSpec,
     PhysicsView,
     Plant,
-    Quantity,
     Request,
     Role,
     Runs,
@@ -296,24 +294,23 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             effects.append(dry_friction(plant))
         return effects
 
-    def derive(
-        self, fitted: Fitted, options: HydrostaticOptions
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
+    derived_units: ClassVar[Mapping[str, str]] = {
+        "time_constant": "s",
+        "dead_zone_half_width": "N",
+        "dead_zone_centre": "N",
+    }
+
+    def derived(self, values: Values, options: HydrostaticOptions) -> dict[str, Any]:
         """Time constant, half-width and centre of the dead zone.
 
         The centre cannot be separated from an offset of the load cell, the half-width can.
         """
-        units = {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"}
-
-        def function(v: Values) -> Values:
-            low, high = v["dead_zone_negative"], v["dead_zone_positive"]
-            return {
-                "time_constant": v["mass"] / v["damping"],
-                "dead_zone_half_width": 0.5 * (high - low),
-                "dead_zone_centre": 0.5 * (high + low),
-            }
-
-        return fitted.derive(units, function), []
+        low, high = values["dead_zone_negative"], values["dead_zone_positive"]
+        return {
+            "time_constant": values["mass"] / values["damping"],
+            "dead_zone_half_width": 0.5 * (high - low),
+            "dead_zone_centre": 0.5 * (high + low),
+        }
 
 
 def _edges_of(found: Solution[HydrostaticOptions]) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from ...experiment import Experiment, FloatArray
 from ...family import (
     ParameterSpec,
     Plant,
-    Quantity,
     Request,
     Role,
     Simulate,
@@ -56,6 +55,9 @@ _SECOND = "second_time_constant"
 _PART = 0.1  # of the first time constant, that a second one is tried with
 _NEAR = 0.1  # sample times from a sample
 _FAST = 0.6  # sample times of a time constant below which samples show little of the response
+
+
+_SOUND_IN_AIR = 343.0  # at 20 °C [m/s]
 
 
 @dataclass(frozen=True)
@@ -207,41 +209,45 @@ class Line(TransferFamily[LineOptions]):
                 out.append({"time_constant": float(rest / left), "dead_time": dead_time})
         return out
 
-    def derive(
-        self, fitted: Fitted, options: LineOptions
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """Bandwidth, rise time from 10 to 90 %, and how the dead time compares with ``L/c``.
+    derived_units: ClassVar[Mapping[str, str]] = {
+        "bandwidth": "rad/s", "rise_time": "s", "wave_travel_time": "s",
+        "apparent_sound_speed": "m/s",
+    }  # fmt: skip
+
+    def derived(self, values: Values, options: LineOptions) -> dict[str, Any]:
+        """Bandwidth, rise time from 10 to 90 %, ``L/c``, and the ``c`` that the dead time means.
 
         The bandwidth ``w`` of a second order solves ``|(1 - tau tau_2 w^2) + i tau w|^2 = 2``; its
         rise time has no closed form.
         """
-
-        def function(v: Values) -> dict[str, Any]:
-            slow, fast = v["time_constant"], v.get(_SECOND, 0.0)
-            if not fast:
-                return {"bandwidth": 1.0 / slow, "rise_time": np.log(9.0) * slow}
+        slow, fast = values["time_constant"], values.get(_SECOND, 0.0)
+        if fast:
             product = slow * fast
             middle = 0.5 * slow**2 - product
-            return {"bandwidth": 1.0 / np.sqrt(middle + np.sqrt(middle**2 + product**2))}
+            out = {"bandwidth": 1.0 / np.sqrt(middle + np.sqrt(middle**2 + product**2))}
+        else:
+            out = {"bandwidth": 1.0 / slow, "rise_time": np.log(9.0) * slow}
+        if options.length is not None:
+            out["wave_travel_time"] = options.length / (options.sound_speed or _SOUND_IN_AIR)
+            if np.real(values["dead_time"]) > 0.0:
+                out["apparent_sound_speed"] = options.length / values["dead_time"]
+        return out
 
-        derived = fitted.derive({"bandwidth": "rad/s", "rise_time": "s"}, function)
+    def remarks(self, fitted: Fitted, options: LineOptions) -> list[Notice]:
+        """How the dead time compares with ``L/c``."""
         length, speed = options.length, options.sound_speed
         if length is None:
-            return derived, []
-        dead_time, expected = float(fitted.values["dead_time"]), length / (speed or 343.0)
-        derived["wave_travel_time"] = Quantity(expected, "s", "derived")
-        if dead_time > 0.0:
-            derived["apparent_sound_speed"] = Quantity(length / dead_time, "m/s", "derived")
+            return []
+        dead_time, expected = fitted.values["dead_time"], length / (speed or _SOUND_IN_AIR)
         error = fitted.std_error("dead_time") if "dead_time" in fitted.names else 0.0
-        allowed = max(2.0 * error, 0.05 * expected)
-        if abs(dead_time - expected) <= allowed:
-            return derived, []
+        if abs(dead_time - expected) <= max(2.0 * error, 0.05 * expected):
+            return []
         assumed = "" if speed else " (air at 20 °C assumed; give --sound-speed)"
-        return derived, [
+        return [
             Notice(
                 "dead-time-not-travel-time",
                 f"the dead time {as_time(dead_time)} is not the travel time "
-                f"L/c = {as_time(expected)} of {length:g} m at {speed or 343.0:g} m/s"
+                f"L/c = {as_time(expected)} of {length:g} m at {speed or _SOUND_IN_AIR:g} m/s"
                 f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
                 "slow first part of filling; a shorter one means that the time stamps or the "
                 "inlet signal are late.",

@@ -15,17 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ...errors import Notice
 from ...estimation.named_model import NamedModel, Values
-from ...estimation.parametric import Fitted
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
-from ...family import ParameterSpec, Quantity, Request, Role, Structure, Variant
+from ...family import ParameterSpec, Request, Role, Structure, Variant
 from ...options import choice
 from .base import ASKED, TransferFamily
 
@@ -173,20 +171,14 @@ class Valve(TransferFamily[ValveOptions]):
         ]
         return near + _other_zeros(values)
 
-    def derive(
-        self, fitted: Fitted, options: ValveOptions
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
+    derived_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz", "overshoot": "1"}
+
+    def derived(self, values: Values, options: ValveOptions) -> dict[str, Any]:
         """Undamped frequency in hertz, and overshoot where there is one."""
-        resonant = fitted.values["damping_ratio"] < 1.0
-
-        def function(v: Values) -> dict[str, Any]:
-            out = {"frequency": v["natural_frequency"] / (2.0 * np.pi)}
-            if resonant:
-                z = v["damping_ratio"]
-                out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
-            return out
-
-        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function), []
+        out, z = {"frequency": values["natural_frequency"] / (2.0 * np.pi)}, values["damping_ratio"]
+        if np.real(z) < 1.0:
+            out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
+        return out
 
 
 def _follow(values: Values, change: Mapping[str, float]) -> dict[str, float]:
