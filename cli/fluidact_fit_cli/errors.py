@@ -140,10 +140,27 @@ def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
     file = next((w for w in words if w.startswith("-") and os.path.isfile(w)), "")
     if file:
         return f"'{file}' was read as an option. Give './{file}' if the file is meant."
+    if homes := _families_with(error.option_name):
+        some = (
+            homes[0] if len(homes) == 1 else "the family" if len(homes) > 3 else " or ".join(homes)
+        )
+        return (
+            f"there is no option '{error.option_name}' here: it belongs to the command of {some}. "
+            "`fluidact-fit inspect LOG...` shows the command that fits a log."
+        )
     params = [] if error.ctx is None else error.ctx.command.get_params(error.ctx)
     close = closest(error.option_name, [o for p in params for o in (*p.opts, *p.secondary_opts)])
     hint = f" Did you mean '{close}'?" if close else ""
     return f"there is no option '{error.option_name}'.{hint}"
+
+
+def _families_with(option: str) -> list[str]:
+    """Families whose command has an option."""
+    from fluidact_fit.families import family_names
+
+    from .commands.fit_family import make_command
+
+    return [n for n in family_names() if any(option in p.opts for p in make_command(n).params)]
 
 
 def _explain_usage(error: click.UsageError, words: Sequence[str]) -> str:

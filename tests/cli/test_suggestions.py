@@ -30,6 +30,24 @@ def test_one_word_is_suggested(words: list[str], meant: str, here: Run, inside: 
     assert "one of" not in done.err
 
 
+@pytest.mark.parametrize(
+    ("words", "owner"),
+    [
+        (["fit", "x.csv", "--strict"], "the family"),
+        (["fit", "x.csv", "--validate", "y.csv"], "the family"),
+        (["fit", "x.csv", "--length", "5"], "line"),
+        (["valve", "x.csv", "--length", "5"], "line"),
+    ],
+)
+def test_an_option_of_another_command_is_not_taken_for_a_slip(
+    words: list[str], owner: str, here: Run, inside: Path
+) -> None:
+    done = here(*words)
+    assert done.status == 2
+    assert f"it belongs to the command of {owner}." in done.err
+    assert "Did you mean" not in done.err
+
+
 @pytest.mark.parametrize("words", [[], ["export"], ["check"], ["valve"]])
 def test_every_command_knows_help_all(words: list[str], here: Run) -> None:
     done = here(*words, "--help-all")

@@ -213,7 +213,9 @@ def _parameters(document: ParameterDocument) -> str:
 def _derived(document: ParameterDocument) -> str:
     units = recorded_units(document)
     rows = [_quantity(name, q, units) for name, q in document.derived.items()]
-    return section("Derived from the parameters", _QUANTITY, rows, numeric=(1, 3))
+    shown = len(_QUANTITY) if any(row[-1] for row in rows) else len(_QUANTITY) - 1  # intervals
+    rows = [row[:shown] for row in rows]
+    return section("Derived from the parameters", _QUANTITY[:shown], rows, numeric=(1, 3))
 
 
 def _quantity(name: str, q: Derived, units: Sequence[str]) -> list[str]:
