@@ -93,3 +93,21 @@ def test_units_in_other_scripts_are_read(header: str, si: str, factor: float) ->
     unit = parse_unit_from_header(header)[1]
     assert unit is not None
     assert conversion_factor(unit, si) == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("time,in,out", None),
+        ("time,in,pressure [bar]", None),
+        ("s,in,lbf", "in"),
+        ("time,in,lbf", "in"),
+        ("time,in [in],out", "in"),
+    ],
+)
+def test_an_input_is_not_in_inches(header: str, unit: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(header + "\n" + "".join(f"{0.1 * k:.1f},{k},{2 * k}\n" for k in range(20)))
+    assert read_log(path).columns[1].unit == unit
+    named = {name: [0.1 * k for k in range(20)] for name in header.split(",")}
+    assert read_log(named).columns[1].unit == unit

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, where_finite
-from ..units import is_doubtful_suffix, parse_unit_from_header
+from ..units import is_doubtful_suffix, names_input, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
 from .groups import united
@@ -133,7 +133,8 @@ def make_log(
     if not rows:
         raise LogError("there are no samples.", where=name, remedy="Check what was recorded.")
     said = list(notices)
-    columns = tuple(_column(k, c, name, said) for k, c in enumerate(named, start=1))
+    has_input = names_input(c.header for c in named)
+    columns = tuple(_column(k, c, name, said, has_input) for k, c in enumerate(named, start=1))
     return Log(
         path=path,
         name=name,
@@ -146,7 +147,7 @@ def make_log(
     )
 
 
-def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Column:
+def _column(index: int, given: Named, name: str, notices: list[Notice], has_input: bool) -> Column:
     """A column as a file would have it."""
     values, unit = _numbers(given, name)
     header, clock, doubt = given.header.strip(), given.clock, ""
@@ -161,6 +162,8 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
     written, in_header = parse_unit_from_header(last)
     if given.path:
         written, in_header = header, in_header if "_" in last else None
+    if has_input and header == "in":
+        in_header = None
     unit = unit or given.unit or in_header
     finite = where_finite(values)
     bad: dict[int, str] = {}

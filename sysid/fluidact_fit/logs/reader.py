@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from ..errors import LogError, UsageError
-from ..units import is_doubtful_suffix, parse_unit_from_header
+from ..units import is_doubtful_suffix, names_input, parse_unit_from_header
 from .arrays import log_of, make_log
 from .binary import read_binary, read_stored
 from .codesys import read_trace
@@ -296,11 +296,14 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     columns = []
     rasters = sparse_columns(table.values, table.bad)
     parts = zip(layout.headers, layout.units, table.values, table.bad)
+    has_input = names_input(layout.headers)
     for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         texts = layout.parts.get(index - 1, (header,))
         named = [parse_unit_from_header(text) for text in texts]
         name = " ".join(text for text, _ in named)
         unit = next((unit for _, unit in reversed(named) if unit), None)
+        if has_input and header.strip() == "in":
+            unit = None
         doubtful = not unit_in_row and is_doubtful_suffix(texts[-1])
         clock = index - 1 in layout.clocks
         empty = layout.hints.sparse and bool(bad) and not any(bad.values())

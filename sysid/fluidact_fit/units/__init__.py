@@ -6,6 +6,7 @@ from .headers import (
     SUFFIXES,
     is_doubtful_suffix,
     looks_like_unit,
+    names_input,
     parse_unit_from_header,
     unit_within,
 )
@@ -36,6 +37,7 @@ __all__ = [
     "is_share",
     "is_unit",
     "looks_like_unit",
+    "names_input",
     "normalise_unit",
     "parse_unit_from_header",
     "pressure_reference",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -102,6 +103,17 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
         named = behind[1] is not None and (behind[0] != outside or len(outside) > 1)
         return behind if named else (text, None)
     return _of_words(text)
+
+
+def names_input(headers: Iterable[str]) -> bool:
+    """Return whether a header ``in`` is an input, as in ``time, in, out``, and not in inches.
+
+    It is a unit where the others are nothing but units as well: ``s, in, lbf``.
+    """
+    texts = {header.strip() for header in headers}
+    return "in" in texts and not all(
+        looks_like_unit(text) or text.casefold() in ("", "t", "time") for text in texts
+    )
 
 
 def _groups(text: str) -> list[_Group]:
