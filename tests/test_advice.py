@@ -50,6 +50,16 @@ def test_what_leads_is_the_input(tmp_path: Path, names: str) -> None:
     assert not found.unsure
 
 
+def test_the_letters_of_a_textbook_are_input_and_output(tmp_path: Path) -> None:
+    """``y`` was a position alone, and a pressure of that name in no family."""
+    path = bench(tmp_path, "t;y;u")
+    rows = np.loadtxt(path, delimiter=";", skiprows=1) * (1e-3, 1e5, 1.0)
+    np.savetxt(path, rows, delimiter=";", header="t;y;u", comments="", fmt="%.6g")
+    found = suggest([ff.read_log(path)], ["bench.csv"], trial=False)
+    columns = {s.family: dict(s.columns) for s in found}
+    assert columns["valve"] == {"command": "#3", "outlet": "#2"}
+
+
 def test_a_role_that_is_named_leaves_the_families_that_have_it(tmp_path: Path) -> None:
     path = bench(tmp_path, "t [s];a [bar];b [bar]")
     log = ff.read_log(path, columns={"pressure": "a [bar]"})
