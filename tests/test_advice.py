@@ -60,6 +60,19 @@ def test_the_letters_of_a_textbook_are_input_and_output(tmp_path: Path) -> None:
     assert columns["valve"] == {"command": "#3", "outlet": "#2"}
 
 
+@pytest.mark.parametrize("name", ["Date", "Datum", "fecha"])
+def test_days_of_a_spreadsheet_are_suggested_as_the_time(tmp_path: Path, name: str) -> None:
+    """They were no time, and a calibration of the date was suggested."""
+    path = bench(tmp_path)
+    rows = np.loadtxt(path, delimiter=";", skiprows=1)
+    rows[:, 0] = 45418.0 + rows[:, 0] / 86.4e6
+    header = f"{name};p1 [bar];p2 [bar]"
+    np.savetxt(path, rows, delimiter=";", header=header, comments="", fmt=["%.10f", "%.6g", "%.6g"])
+    (found,) = suggest([ff.read_log(path)], ["bench.csv"], "line")
+    assert f"--column time={name}" in found.command
+    assert found.verdict == "pass"
+
+
 def test_a_role_that_is_named_leaves_the_families_that_have_it(tmp_path: Path) -> None:
     path = bench(tmp_path, "t [s];a [bar];b [bar]")
     log = ff.read_log(path, columns={"pressure": "a [bar]"})

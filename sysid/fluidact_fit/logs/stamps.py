@@ -40,7 +40,10 @@ _MONTHS = {
 _DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.ASCII)
 _SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
 
-_TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
+_TIME_NAME = re.compile(
+    r"time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros|\b(?:date|datum|fecha)\b",
+    re.I,
+)
 # What columns of time are called and no others, as far as is known.
 _TIME_NAMES = frozenset({
     "t", "time", "times", "time stamp", "timestamp", "timestamps", "elapsed",
