@@ -27,8 +27,8 @@ _DOUBT = 0.25  # less for a column that holds what was asked for, or another qua
 _WORDS: dict[str, str] = {
     "command": "cmd command u set setpoint sollwert stellwert soll voltage spannung current strom "
     "valve ventil consigna consigne commande comando i pwm signal",
-    "outlet": "outlet out output y response druck pressure p flow q chamber far istwert ist ausgang "
-    "speed",
+    "outlet": "outlet out output y response druck pressure p flow q chamber far istwert ist "
+    "ausgang speed",
     "inlet": "inlet in input valve source supply upstream vordruck eingang pressure druck p flow q "
     "speed",
     "pressure": "pressure druck p chamber presion pression pressione kammer",
