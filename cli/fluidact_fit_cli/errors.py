@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from fluidact_fit.errors import FluidactError, bounded, closest
+from fluidact_fit.families import family_names
 
 from . import INTERRUPTED
 from .messages import tell_message
@@ -140,7 +141,7 @@ def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
     file = next((w for w in words if w.startswith("-") and os.path.isfile(w)), "")
     if file:
         return f"'{file}' was read as an option. Give './{file}' if the file is meant."
-    if homes := _families_with(error.option_name):
+    if homes := _families_with(error.option_name, error.ctx):
         some = (
             homes[0] if len(homes) == 1 else "the family" if len(homes) > 3 else " or ".join(homes)
         )
@@ -154,13 +155,13 @@ def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
     return f"there is no option '{error.option_name}'.{hint}"
 
 
-def _families_with(option: str) -> list[str]:
+def _families_with(option: str, ctx: click.Context | None) -> list[str]:
     """Families whose command has an option."""
-    from fluidact_fit.families import family_names
-
-    from .commands.fit_family import make_command
-
-    return [n for n in family_names() if any(option in p.opts for p in make_command(n).params)]
+    root = None if ctx is None else ctx.find_root()
+    if root is None or not isinstance(root.command, click.Group):
+        return []
+    commands = {name: root.command.get_command(root, name) for name in family_names()}
+    return [n for n, c in commands.items() if c and any(option in p.opts for p in c.params)]
 
 
 def _explain_usage(error: click.UsageError, words: Sequence[str]) -> str:
