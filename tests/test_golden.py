@@ -83,6 +83,16 @@ def test_the_error_of_a_derived_number_changed_by_hand_is_refused(tmp_path: Path
         ff.read_document(changed)
 
 
+def test_the_unit_of_a_derived_number_changed_by_hand_is_refused(tmp_path: Path) -> None:
+    (path,) = (p for p in GOLDEN if p.parent.name == "0.1.0" and p.stem == "line")
+    changed = tmp_path / "line.yaml"
+    document = ff.read_document(path).to_dict()
+    document["derived"]["rise_time"]["unit"] = "ms"
+    changed.write_text(yaml.safe_dump(document))
+    with pytest.raises(ff.ParameterFileError, match=r"derived\.rise_time\.unit"):
+        ff.read_document(changed)
+
+
 def test_the_network_of_the_controller_study_is_a_file_of_this_version() -> None:
     block = ff.load(Path(__file__).parents[1] / "studies" / "force_network.yaml")
     assert len(block.document.parameters["biases_1"].value) == 7

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from .. import units
 from ..errors import FluidactError, UsageError
 from ..specification import Described, ParameterSpec, Variant
+from ..units.reading import read_unit
 from .document import TAG, ParameterDocument, Part
 from .problems import Location, Problems, find_entries, suggest
 from .sizes import check_sizes
@@ -306,6 +307,8 @@ def _check_units(
     for place, unit in find_entries(document, "derived", "*", "unit"):
         if isinstance(unit, str) and unit not in usual:
             _check_unit(unit, "1", place, problems, free=True)
+            if units.is_known_unit(unit) and read_unit(unit).factor != 1.0 and not problems.many:
+                problems.add(place, f"{unit!r} is not the unit of this file; give SI")
 
 
 def _measured(document: dict[str, Any]) -> Iterator[tuple[Location, Any]]:
