@@ -303,7 +303,8 @@ class UnmodelledEffect:
     Attributes
     ----------
     name, words, remedy
-        What it is called in the file, what follows "the data fit better if", and what to do.
+        What it is called in the file, what follows "the data fit better if" (or what gives that
+        for a size), and what to do.
     response
         Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
         the experiments and what simulates them near the fit. A channel without stays as it is.
@@ -317,7 +318,7 @@ class UnmodelledEffect:
     """
 
     name: str
-    words: str
+    words: str | Callable[[float], str]
     remedy: str
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
     unit: str = "1"

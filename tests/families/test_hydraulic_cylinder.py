@@ -319,6 +319,44 @@ def test_a_wrong_number_shows_in_the_pressures(tmp_path: Path, name: str) -> Non
     assert found.verdict != "pass"
 
 
+def named(found: FitResult) -> str:
+    (said,) = [n.message for n in found.notices if n.code == "unmodelled-response"]
+    return str(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [("area_1", 1.03), ("area_2", 0.98), ("mass", 1.2), ("supply_pressure", 0.97)],
+)
+def test_the_wrong_number_itself_is_named(tmp_path: Path, name: str, factor: float) -> None:
+    said = named(wrong(tmp_path, **{name: factor}))
+    value = float(said.split(f"{name} is about ")[1].split()[0])
+    assert value == pytest.approx(GIVEN[name], rel=0.1 * abs(factor - 1.0))
+    assert f"--{name.replace('_', '-')}" in said
+
+
+def test_a_tank_pressure_that_was_not_given_is_named() -> None:
+    plant = attacks.Plant(tank=3e5)
+    logs = attacks.record(np.random.default_rng(5), plant=plant)
+    found = ff.fit("hydraulic-cylinder", logs, units=attacks.UNITS, **GIVEN)
+    assert float(named(found).split("tank_pressure is about ")[1].split()[0]) == pytest.approx(
+        3e5, rel=0.05
+    )
+
+
+def test_oil_that_passes_the_piston_is_named() -> None:
+    logs = attacks.record(np.random.default_rng(6), plant=attacks.Plant(leakage=1e-12))
+    found = ff.fit("hydraulic-cylinder", logs, units=attacks.UNITS, **GIVEN)
+    assert "oil leaks past the piston" in named(found)
+
+
+def test_a_wrong_zero_of_a_pressure_is_no_drift() -> None:
+    (log,) = attacks.record(np.random.default_rng(7))
+    shown = {**log, "pressure_2": log["pressure_2"] + 2e5}
+    said = named(ff.fit("hydraulic-cylinder", shown, units=attacks.UNITS, **GIVEN))
+    assert float(said.split("'pressure_2' shows ")[1].split()[0]) == pytest.approx(2e5, rel=0.05)
+
+
 def test_right_numbers_pass_without_a_word(tmp_path: Path) -> None:
     found = wrong(tmp_path)
     assert found.verdict == "pass"

@@ -18,7 +18,7 @@ from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import behind_play, run_recursion
 from ..experiment import Experiment, FloatArray, Signal, all_of
-from ..family import ParameterSpec
+from ..family import ParameterSpec, UnmodelledEffect
 from ..options import describe
 from ..rows import blocks
 from ..units import after_number, as_time
@@ -130,6 +130,9 @@ def terms_over_time(at: Optimum) -> Iterator[Term]:
 
 def terms_at_any_time(at: Optimum) -> Iterator[Term]:
     """Yield terms that are always there: parameters and effects of the family, lags, shapes."""
+    if len(at.roles) > 1:
+        for role in at.roles:
+            yield _zero(at, role)
     yield from _parameters(at)
     yield from _effects(at)
     inputs = [at.signal(role) for role in at.driving if role not in at.roles]
@@ -169,6 +172,17 @@ def _levels(at: Optimum) -> Iterator[Term]:
 def _level_words(name: str, signal: Signal, size: float) -> str:
     side = "above" if size > 0.0 else "below"
     return f"'{signal.role}' of {name} lies {signal.text(abs(size))} {side} that of the other logs"
+
+
+def _zero(at: Optimum, role: str) -> Term:
+    """A wrong zero of one of several channels: of their physics a level is a part."""
+    signal = at.signal(role)
+    return Term(
+        f"zero of {role}", signal.unit,
+        lambda size: f"'{role}' shows {_more(signal, size)} than there is",
+        "Check the zero of the sensor at a known value, and correct the log.",
+        [np.full(int(s.used.sum()), (s.role == role) / s.scale) for s in at.series],
+    )  # fmt: skip
 
 
 def _drift(at: Optimum, role: str) -> Term:
@@ -258,7 +272,7 @@ def _effects(at: Optimum) -> Iterator[Term]:
         channels = [found[s.run].get(s.role, np.zeros((s.used.size, *blank))) for s in at.series]
         columns = at.columns(channels)
         unit = at.signal(effect.of).unit if effect.of else effect.unit
-        words = partial(_effect_words, effect.name, effect.words, effect.positive, unit)
+        words = partial(_effect_words, effect, unit)
         chosen = 1
         if width:
             combined = _combine(at, columns)
@@ -283,8 +297,10 @@ def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArra
     return [c @ sizes for c in columns], found[1]
 
 
-def _effect_words(name: str, words: str, positive: bool, unit: str, size: float) -> str:
-    return _impossible(name, size, unit) if positive and size < 0.0 else words
+def _effect_words(effect: UnmodelledEffect, unit: str, size: float) -> str:
+    if effect.positive and size < 0.0:
+        return _impossible(effect.name, size, unit)
+    return effect.words(size) if callable(effect.words) else effect.words
 
 
 def _impossible(name: str, value: float, unit: str) -> str:

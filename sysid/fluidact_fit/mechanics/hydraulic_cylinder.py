@@ -10,6 +10,10 @@
 with ``u`` the command beyond the dead zone of the valve. The equations are those of [1]_ with its
 typing errors corrected, which ``docs/theory/hydraulic-cylinder.md`` lists.
 
+An examination supposes more than a file holds: oil ``leakage (p1 - p2)`` that passes the piston, a
+constant ``load`` against its extension, and ``air``, the share of it in the oil at atmospheric
+pressure ``p_a``, with ``1 / beta + air p_a / (p + p_a)^2`` in place of ``1 / beta``.
+
 References
 ----------
 .. [1] "A hydraulic actuator model using feedforward neural networks", 25th ABCM
@@ -34,13 +38,15 @@ GRAY_NAMES = (
     "valve_gain_1", "valve_gain_2", "line_loss_1", "line_loss_2", "line_loss_3", "line_loss_4",
     "bulk_modulus", *EDGES, "viscous", "coulomb",
 )  # fmt: skip
-THETA = (*GRAY_NAMES, *STRIBECK, EXPONENT)
+LEAKAGE, LOAD, AIR = "leakage", "load", "air"
+THETA = (*GRAY_NAMES, *STRIBECK, EXPONENT, LEAKAGE, LOAD, AIR)
 FRICTION = ("viscous", "coulomb", *STRIBECK)
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 
 
 _GIVEN = ("area_1", "area_2", "dead_volume_1", "dead_volume_2", "mass", "supply", "tank")
+_ATMOSPHERE = 1e5  # Pa
 _ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
 
 
@@ -149,7 +155,7 @@ def chamber_flow(
 
 def parameter_vector(values: Values, machine: Machine) -> FloatArray:
     """Parameters of :data:`SYSTEM`, ``(p,)``; a file without a Stribeck rise has none."""
-    absent = {**dict.fromkeys(STRIBECK, 0.0), EXPONENT: 2.0}
+    absent = {**dict.fromkeys((*STRIBECK, LEAKAGE, LOAD, AIR), 0.0), EXPONENT: 2.0}
     numbers = {n: float(values.get(n, absent[n]) if n in absent else values[n]) for n in THETA}
     if numbers["stribeck_speed"] <= 0.0:  # no rise, whatever its speed
         numbers |= {"stribeck": 0.0, "stribeck_speed": 1.0}
@@ -163,7 +169,7 @@ def _named(p: Any) -> dict[str, Any]:
 
 def _push(x: Any, p: Any) -> Any:
     v = _named(p)
-    return x[0] * v["area_1"] - x[1] * v["area_2"]
+    return x[0] * v["area_1"] - x[1] * v["area_2"] - v[LOAD]
 
 
 def _level_at_rest(p: Any) -> Any:
@@ -189,15 +195,20 @@ def _rates(x: Any, u: Any, p: Any, way: Any) -> list[Any]:
         size = ca.sqrt(drop * drop + _ROUND**2)
         return sign * 2.0 * k * drop / (k * loss + ca.sqrt((k * loss) ** 2 + 4.0 * size))
 
+    def stiffness(pressure: Any) -> Any:
+        dense = (ca.fmax(pressure, 0.0) + _ATMOSPHERE) ** 2 / _ATMOSPHERE
+        return v["bulk_modulus"] / (1.0 + v["bulk_modulus"] * v[AIR] / dense)
+
     p1, p2, y, speed = (x[k] for k in range(4))
+    leak = v[LEAKAGE] * (p1 - p2)
     volume_1 = v["dead_volume_1"] + v["area_1"] * y
     volume_2 = v["dead_volume_2"] - v["area_2"] * y
     slow = ca.fabs(speed) / v["stribeck_speed"]
     level = v["coulomb"] + v["stribeck"] * ca.exp(-(slow ** v[EXPONENT]))
     slipping = (_push(x, p) - v["viscous"] * speed - level * way) / v["mass"]
     return [
-        v["bulk_modulus"] / volume_1 * (flow(1, p1) - v["area_1"] * speed),
-        -v["bulk_modulus"] / volume_2 * (flow(2, p2) - v["area_2"] * speed),
+        stiffness(p1) / volume_1 * (flow(1, p1) - leak - v["area_1"] * speed),
+        -stiffness(p2) / volume_2 * (flow(2, p2) - leak - v["area_2"] * speed),
         speed,
         ca.if_else(way == 0.0, 0.0, slipping),
     ]

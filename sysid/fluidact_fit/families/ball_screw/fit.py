@@ -96,7 +96,7 @@ def _fit_position(
     compared, weights = Compared(), list[FloatArray]()
     if beyond:
         request.progress("forces beyond the model: comparing speed and acceleration too")
-        if stage.stepped:
+        if stage.stepped and not stage.curved:
             inside, begin = {}, stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides())
         compared, weights = with_derivatives(begin)
     drive = DriveModel(begin.experiments, begin.axis, compared)

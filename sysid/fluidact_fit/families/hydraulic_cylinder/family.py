@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,8 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse, undetermined_error
-from ...estimation.stribeck import EXPONENT, another_fall, free_names, rise_words, stribeck_specs
-from ...estimation.unmodelled_effects import slopes, soft_edges
-from ...experiment import Experiment, FloatArray, Hold
+from ...estimation.stribeck import free_names, rise_words, stribeck_specs
+from ...experiment import Experiment, Hold
 from ...family import (
     Family,
     NoiseModel,
@@ -34,7 +32,6 @@ from ...family import (
     Request,
     Role,
     Runs,
-    Simulate,
     Simulated,
     Solution,
     Structure,
@@ -43,17 +40,16 @@ from ...family import (
     make_solution,
     scalars,
 )
-from ...mechanics.hydraulic_cylinder import EDGES, THETA
+from ...mechanics.hydraulic_cylinder import THETA
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
-from .gray_box import CHANNELS
 from .gray_fit import fit_gray, resonance
 from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
 from .simulation import simulate_runs
+from .unmodelled import unmodelled_effects
 
-_APART = 0.1  # of the exponent of a fall of friction, between its two simulations and 2
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
 _GAIN_REMEDY = "Record strokes at two commands or more, each held until the speed settles."
 _LOSS_REMEDY = "Record strokes at large commands (a few volts) in both directions."
@@ -191,12 +187,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     def unmodelled_effects(
         self, plant: Plant[HydraulicCylinderOptions]
     ) -> Sequence[UnmodelledEffect]:
-        """Soft edges, another fall of friction from rest; see :meth:`Family.unmodelled_effects`."""
-        if plant.options.stage != "gray-box":
-            return []
-        low, high = (plant.numbers[edge] for edge in EDGES)
-        fall = [another_fall(partial(_fall_slopes, plant))] if plant.values.get("stribeck") else []
-        return [soft_edges(plant, "command", (low, high)), *fall]
+        """Effects and wrong numbers of the gray box; see :meth:`Family.unmodelled_effects`."""
+        return [*unmodelled_effects(plant)] if plant.options.stage == "gray-box" else []
 
     def model(
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold
@@ -227,17 +219,6 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     def block(self, variant: Variant, document: ParameterDocument) -> HydraulicBlock:
         """Flow, velocity and command for a controller."""
         return HydraulicBlock(document, variant)
-
-
-def _fall_slopes(
-    plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment], simulate: Simulate
-) -> list[dict[str, FloatArray]]:
-    """Derivatives of all channels by how much slower friction falls off from rest."""
-    less, more = (
-        simulate(replace(plant, values={**plant.values, EXPONENT: 2.0 + by}), experiments)
-        for by in (-_APART, _APART)
-    )
-    return slopes(more, less, CHANNELS[-1], 2.0 * _APART)
 
 
 def _is_gray_box(case: Case) -> bool:

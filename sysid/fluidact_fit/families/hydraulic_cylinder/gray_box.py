@@ -10,13 +10,14 @@ import numpy as np
 from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
 from ...estimation.price import simulated
+from ...estimation.stribeck import EXPONENT
 from ...experiment import Experiment, FloatArray
 from ...mechanics.coupled import InPlace, motion
 from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, Machine, parameter_vector
 from ...signals import smooth
 
 CHANNELS = ("pressure_1", "pressure_2", "position")
-SLOPES = THETA[:-1]  # parameters by which the states are differentiated
+SLOPES = THETA[: THETA.index(EXPONENT)]  # parameters by which the states are differentiated
 _LONGEST = 5e-4  # s: Runge-Kutta step
 _FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
