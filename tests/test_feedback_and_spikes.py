@@ -1,5 +1,9 @@
 """What a sine as input must not hide or feign: spikes of the output, feedback."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -52,6 +56,32 @@ def test_a_regulator_at_constant_set_point_is_feedback_within_the_sample(noisy: 
     assert "in the same sample" in said[0].message
     # of a model that answers within the sample the same may be what the model lacks
     assert not find_feedback(VARIANT, solution(later=0, noisy=noisy), [run])[1]
+
+
+def test_a_channel_that_the_model_does_not_use_is_no_feedback() -> None:
+    """A map of force and direction was said to be biased by the position, in closed loop."""
+    rng = np.random.default_rng(9)
+    missed = rng.standard_normal(3000)
+    beside = Simulation(experiment(missed, missed), np.zeros(3000), missed)
+    later = experiment(np.append(0.0, missed[:-1]) + 0.5 * rng.standard_normal(3000), missed)
+    for run in (beside, Simulation(later, np.zeros(3000), missed)):
+        assert find_feedback(VARIANT, solution(), [run])[1]
+        assert not find_feedback(VARIANT, solution(later=3000), [run])[1]
+
+
+def test_a_motion_state_is_asked_within_its_range() -> None:
+    """At 1 it was asked what 3 does, which is loading as well: nothing within the sample."""
+    rng = np.random.default_rng(10)
+    state = np.sign(rng.standard_normal(3000))
+
+    def simulate(plant: Plant[Any], runs: Sequence[Experiment]) -> list[Simulated]:
+        loading = [np.where(e["torque"] > 0.0, 1.0, -1.0) for e in runs]
+        return [Simulated(x + np.append(0.0, x[:-1])) for x in loading]
+
+    missed = 0.5 * state + 0.1 * rng.standard_normal(3000)
+    run = Simulation(experiment(state, missed), np.zeros(3000), missed)
+    map_of_state = replace(solution(), simulate_near=simulate)
+    assert not find_feedback(VARIANT, map_of_state, [run])[1]
 
 
 def test_noise_of_an_input_is_no_feedback() -> None:

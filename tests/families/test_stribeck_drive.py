@@ -332,3 +332,16 @@ def test_intervals_hold_what_they_say(hold: str) -> None:
             low, high = found.parameters[name].ci95
             held.append(low <= truth <= high)
     assert sum(held) >= 74
+
+
+def test_a_fall_of_another_shape_keeps_its_curve_and_is_named() -> None:
+    """The levels were refused for the forces of the wrong shape, and the curve with them: friction
+    that falls at once was then said to explain the log as well, kinetic levels off by a tenth.
+    """
+    log = drive_log(7, "zoh", {**SCREW, "stribeck_exponent": 1.0}, noise=1e-4)
+    found = fit(log, stribeck="estimate")
+    assert found.parameters["stribeck_speed"].status == "estimated"
+    for side in ("positive", "negative"):
+        level = found.parameters[f"coulomb_{side}"].number
+        assert level == pytest.approx(SCREW[f"coulomb_{side}"], rel=0.03)
+        assert found.parameters[f"breakaway_{side}"].status == "estimated"

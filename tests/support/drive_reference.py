@@ -85,7 +85,7 @@ def drive_log(
     time = np.arange(n) * STEP
     u = 5e-3 * np.sin(2.0 * np.pi * (0.2 * time + 0.09 * time**2) + rng.uniform(-0.3, 0.3))
     # in mN m, so that the solver's tolerances are small parts of everything
-    larger = {name: v * (1.0 if name == "stribeck_speed" else 1e3) for name, v in values.items()}
+    larger = {name: v * (1.0 if name.startswith("stribeck") else 1e3) for name, v in values.items()}
     y = reference(larger, torque_of(1e3 * u, hold, time), time)
     if noise:
         read = y + noise * rng.standard_normal(n)

@@ -173,7 +173,11 @@ def find_feedback(
         noisy = role in solution.noise.inputs
         strong = not noisy or abs(now[0]) > policy.FEEDBACK_BY_NOISE * count
         at_once = strong and _is_feedback(now, past, count)
-        if at_once and not _answers_at_once(solution, fitted, role):
+        tried = at_once or _is_feedback(future, past, count)
+        answer = _answer(solution, fitted, role) if tried else True
+        if answer is None:
+            continue  # the model does not use it
+        if at_once and not answer:
             future = np.append(now, future)
         elif noisy:
             continue
@@ -194,20 +198,24 @@ def _is_feedback(future: FloatArray, past: FloatArray, count: int) -> bool:
     return bool(alone) and _significance(future / sqrt(count)) < policy.CHANCE
 
 
-def _answers_at_once(
+def _answer(
     solution: Solution[FamilyOptions], fitted: Sequence[Simulation], role: str
-) -> bool:
-    """Return whether the model answers an input within the sample."""
+) -> bool | None:
+    """Return whether the model answers an input within the sample; ``None`` where it never does.
+
+    Tried is the far end of the range: a motion state has no other values.
+    """
     s = max(fitted, key=lambda one: one.experiment.samples)
     values, k = s.experiment[role], s.experiment.samples // 2
+    low, high = float(values.min()), float(values.max())
     other = values.copy()
-    other[k] += float(np.ptp(values))
+    other[k] = low if 2.0 * values[k] > low + high else high
     before, after = (
         solution.simulate_near(solution.plant, [e])[0].output
         for e in (s.experiment, s.experiment.with_readings(role, other))
     )
-    change = np.abs(np.asarray(after) - before)
-    return bool(change[k] > 0.01 * np.nanmax(change[k:]))
+    change = np.nan_to_num(np.abs(np.asarray(after) - before))
+    return bool(change[k] > 0.01 * change[k:].max()) if change.any() else None
 
 
 def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:

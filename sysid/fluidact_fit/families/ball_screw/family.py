@@ -84,7 +84,7 @@ def _variant(
             ParameterSpec("viscous", viscous_unit, "viscous friction", neutral=0.0, minimum=0.0,
                           optional=True, remedy="Record motion at two clearly different speeds."),
             *(ParameterSpec(f"viscous_{s}", viscous_unit, f"viscous friction, {s} direction",
-                            neutral=0.0, minimum=0.0, optional=True,
+                            neutral=0.0, minimum=0.0, optional=True, general="viscous",
                             remedy=f"Record motion at two clearly different speeds in the {s} "
                             "direction.") for s in SIDES),
             *(ParameterSpec(f"coulomb_{s}", drive_unit, f"kinetic friction, {s} direction",

@@ -32,7 +32,10 @@ class BallScrewOptions(FamilyOptions):
     """Symmetry of the friction, and what the fit compares."""
 
     viscous: str = choice(
-        "symmetric", ("symmetric", "asymmetric"), "one viscous value, or one per direction"
+        "symmetric",
+        ("symmetric", "asymmetric"),
+        "one viscous value, or one per direction",
+        "viscous_positive",
     )
     # The score test of a missing response does not offer it (``frees``): near zero the motion is
     # not linear in the speed of the curve. The warning of forces beyond the model names it.
