@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def refine_levels(
     at = fine.fit(stage.values)
     # far beyond the noise no other instant of a break-away would make the misfit small
     if at.cost < (_BEYOND_HELP * stage.noise) ** 2 * sum(e.samples for e in part):
-        at, brackets = fine.settle(at, brackets)
+        at, brackets = fine.settle_both(*fine.settle(at, brackets))
     unsure = stage.unknown_drive  # the drive of a row that was lost is known to that
     wide = {n: replace(b, low=max(b.low - unsure, 0.0), high=b.high + unsure)
             for n, b in brackets.items()}  # fmt: skip
@@ -107,6 +108,45 @@ class _Profile:
                 break
         return at, found
 
+    def settle_both(
+        self, at: _Refitted, brackets: Mapping[str, Bracket]
+    ) -> tuple[_Refitted, dict[str, Bracket]]:
+        """Move both levels to cells nearby at once as long as the misfit falls.
+
+        A break-away too late one way hides behind one too late, or too early, the other way: moved
+        alone, either level fits worse.
+        """
+        found = dict(brackets)
+        for _ in range(_ROUNDS if len(found) == len(SIDES) else 0):
+            cells = [self._nearby(s, at, found[BREAKAWAY[s]]) for s in SIDES]
+            pairs = [dict(zip(BREAKAWAY.values(), pair)) for pair in product(*cells)]
+            levels = [{n: b.value for n, b in pair.items()} for pair in pairs]
+            errors = np.array([self._errors({**at.values, **pair}) for pair in levels])
+            costs, first = np.unique(
+                at.predict(errors), return_index=True
+            )  # one of the same events
+            likely = first[: _REFITS[1]][costs[: _REFITS[1]] < _HOPELESS * at.cost].tolist()
+            tried = {k: self.fit({**at.values, **levels[k]}) for k in likely}
+            best = min(tried, key=lambda k: tried[k].cost, default=-1)
+            if best < 0 or tried[best].cost >= at.cost * (1.0 - _WORTH):
+                break
+            at, found = self.settle(tried[best], pairs[best])
+        return at, found
+
+    def _nearby(self, side: str, at: _Refitted, now: Bracket) -> list[Bracket]:
+        """The cells below and above a bracket, and it itself."""
+        levels = self._levels(side, at)
+        below, above = levels[levels <= now.low][-_NEAR - 1 :], levels[levels >= now.high]
+        ends = [*pairwise(below.tolist()), *pairwise(above[: _NEAR + 1].tolist())]
+        return [now, *(Bracket(low, high, 0.5 * (low + high)) for low, high in ends)]
+
+    def _levels(self, side: str, at: _Refitted) -> FloatArray:
+        """Commanded levels between which the static level of a direction can lie, ascending."""
+        limits = self.stage.unknowns[BREAKAWAY[side]]
+        acting = [p.torque.coefficients[:, 0] for p, _ in self.model.inputs]
+        levels = levels_above(acting, at.values, side)
+        return np.unique(np.clip(levels, limits.low, limits.high))
+
     def fit(self, values: Mapping[str, float], iterations: int = 15) -> _Refitted:
         """Fit the others, the static levels held."""
         fixed = {n: v for n, v in values.items() if n not in self.others}
@@ -127,9 +167,7 @@ class _Profile:
 
     def _choose(self, side: str, at: _Refitted, near: Bracket | None) -> tuple[Bracket, _Refitted]:
         """The bracket of one level among the commanded ones, and the fit there."""
-        name, acting = BREAKAWAY[side], [p.torque.coefficients[:, 0] for p, _ in self.model.inputs]
-        limits = self.stage.unknowns[name]
-        levels = np.unique(np.clip(levels_above(acting, at.values, side), limits.low, limits.high))
+        name, levels = BREAKAWAY[side], self._levels(side, at)
         low, high = 0, levels.size - 1
         if near is not None:
             low = max(int(np.searchsorted(levels, near.low)) - _NEAR, low)
