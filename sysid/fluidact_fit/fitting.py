@@ -49,7 +49,7 @@ from .specification import ParameterSpec, Role
 from .units import after_number
 from .units.quantities import NumberWithUnit, in_si, parse_quantity, plausible
 
-_MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 200 bytes of each
+_MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 250 bytes of each
 _AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next

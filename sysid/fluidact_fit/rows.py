@@ -33,11 +33,6 @@ def evenly(first: float, step: float, count: int) -> FloatArray:
     return first + np.arange(count, dtype=np.float64) * step
 
 
-def is_repeated(values: Array) -> bool:
-    """Return whether an array stands for one row again and again."""
-    return values.shape[0] > 1 and values.strides[0] == 0
-
-
 def repeated(row: Array, count: int) -> Array:
     """One row again and again, shape ``(count, ...)``; it is kept once."""
     return np.broadcast_to(row, (count, *np.shape(row)))

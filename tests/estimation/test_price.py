@@ -14,7 +14,7 @@ from fluidact_fit.errors import NotIdentifiedError
 from fluidact_fit.estimation import price
 from fluidact_fit.estimation.network import Training, search
 from fluidact_fit.estimation.price import counting, exhausted, simulated
-from fluidact_fit.estimation.problem import Basis, Problem, Slopes, Unknown
+from fluidact_fit.estimation.problem import Basis, Problem, Unknown
 from fluidact_fit.estimation.separable import evaluate, solve
 from fluidact_fit.estimation.stribeck import RiseSearch
 
@@ -40,11 +40,10 @@ class Decay:
 class Sloped(Decay):
     """The same with its own derivatives, which it says of two logs at once."""
 
-    def slopes(self, index: int, eta: np.ndarray) -> tuple[Basis, Slopes]:
-        at, none = self.basis(index, eta), np.zeros((1, TIME.size, 0))
+    def slopes(self, index: int, eta: np.ndarray) -> np.ndarray:
+        at = self.basis(index, eta)
         self.passes.append(TIME.size)
-        change = -TIME * at.known
-        return at, Slopes(change[None], none, np.zeros((1, TIME.size, 1)))
+        return -(TIME * at.known)[None]
 
 
 def problem(model: Decay) -> Problem:

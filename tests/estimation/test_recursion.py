@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from fluidact_fit.estimation.recursion import BlockRecursion, clamped
+from fluidact_fit.estimation.recursion import clamped
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 200), st.booleans())
@@ -26,30 +26,3 @@ def test_a_clamped_sum_is_that_of_the_loop(seed: int, count: int, moving: bool) 
         for k in range(count):
             x = min(max(x, np.broadcast_to(low, count)[k]), np.broadcast_to(high, count)[k])
             assert whole[k] == x
-
-
-@settings(deadline=None)
-@given(
-    st.integers(0, 2**32 - 1), st.integers(0, 100), st.integers(1, 3), st.integers(1, 2),
-    st.sampled_from(["", "system", "input"]),
-)  # fmt: skip
-def test_a_response_in_blocks_is_that_of_the_loop(
-    seed: int, steps: int, n: int, d: int, moved: str
-) -> None:
-    rng = np.random.default_rng(seed)
-    turn = 1e-30j * (moved == "system")
-    phi = rng.standard_normal((n, n))
-    phi = 0.99 * phi / np.abs(np.linalg.eigvals(phi)).max() + turn * rng.standard_normal((n, n))
-    gamma = rng.standard_normal((n, d)) + turn * rng.standard_normal((n, d))
-    row, direct = rng.standard_normal(n) + turn, rng.standard_normal(d) + turn
-    u = rng.standard_normal((steps + 1, d)) + 1e-30j * (moved == "input") * rng.standard_normal(d)
-    x = start = rng.standard_normal(n)
-    out = []
-    for w in u:
-        out.append(row @ x + direct @ w)
-        last, x = x, phi @ x + gamma @ w
-    y, state = BlockRecursion(phi, gamma, row, direct).run(u, start)
-    for part in (np.real, np.imag):
-        size = max(np.abs(part(out)).max(), 1e-300)
-        assert np.abs(part(y) - part(out)).max() < 1e-11 * size
-        assert np.abs(part(state) - part(last)).max() < 1e-11 * max(np.abs(part(last)).max(), size)

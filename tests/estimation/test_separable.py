@@ -1,7 +1,6 @@
 """The separable solver and the covariance, against textbook answers."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -27,17 +26,6 @@ class Decay:
         return Basis(np.zeros(t.size), np.exp(-eta[0] * t)[:, None], np.ones((t.size, 1)))
 
 
-class DecayInPieces(Decay):
-    """The same 20 rows at a time."""
-
-    def pieces(self, index: int, eta: np.ndarray) -> Iterator[Basis]:
-        whole = self.basis(index, eta)
-        for k in range(0, whole.known.size, 20):
-            at = slice(k, k + 20)
-            local = np.broadcast_to(np.ones(1), (20, 1))  # one row stands for all
-            yield Basis(whole.known[at], whole.shared[at], local)
-
-
 def make(seed: int = 0, logs: int = 2, **bounds: float) -> Problem:
     rng = np.random.default_rng(seed)
     times = [np.linspace(0.0, 3.0, 80) for _ in range(logs)]
@@ -55,17 +43,6 @@ def test_recovers_shared_and_local_unknowns() -> None:
     errors = np.abs(np.array([found.eta[0] - 1.5, found.linear[0] - 2.0]))
     assert np.all(errors < 3.5 * np.sqrt(np.diag(u.covariance)))
     np.testing.assert_allclose([x[0] for x in found.local], [0.0, 1.0], atol=0.02)
-
-
-def test_consecutive_pieces_give_what_the_whole_does() -> None:
-    whole = make()
-    expected = solve(whole, FAR)
-    found = solve(replace(whole, model=DecayInPieces(whole.model.times)), FAR)
-    assert found.eta == pytest.approx(expected.eta, rel=1e-12)
-    for a, b in zip(found.simulate(), expected.simulate(), strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-12)
-    for a, b in zip(found.jacobian, expected.jacobian, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_covariance_is_that_of_the_joint_problem() -> None:

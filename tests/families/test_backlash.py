@@ -96,7 +96,7 @@ def test_the_derivatives_are_those_of_the_path() -> None:
     model = PlayModel([log["drive"]], [log["load"]], [None])
     at, names = {"ratio": 0.81, "play": 2.1e-3}, ("ratio", "play")
     _, slopes = model.slopes(0, at, names)
-    for row, name in zip(slopes.known, names):
+    for row, name in zip(slopes, names):
         step = 1e-7 * at[name]
         ends = [model.columns(0, {**at, name: at[name] + s * step}).known for s in (1.0, -1.0)]
         found = (ends[0] - ends[1]) / (2.0 * step)

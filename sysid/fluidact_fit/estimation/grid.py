@@ -26,10 +26,6 @@ class Grid:
     distinct: FloatArray
     which: npt.NDArray[np.integer[Any]]
 
-    def part(self, first: int, last: int) -> Grid:
-        """The instants from one to another, both included."""
-        return Grid(self.instants[first : last + 1], self.distinct, self.which[first:last])
-
     @property
     def unit(self) -> float:
         """A typical step [s]."""

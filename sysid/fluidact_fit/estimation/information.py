@@ -15,15 +15,13 @@ References
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..experiment import FloatArray
 from ..specification import Information
 from .least_squares import project_out, scaled_inverse
 from .named_model import NamedModel, Values
-from .problem import Basis, differentiate
+from .problem import STEP
 
 _ROUNDS = 3000  # of the algorithm that shares the samples out
 
@@ -40,23 +38,22 @@ def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Inform
     level
         Output at rest [SI].
     """
-    names = model.nonlinear
-    eta = np.array([float(values[n]) for n in names])
+    names, count = model.nonlinear, len(model.linear)
+    basis = model.columns(0, values)
+    shared = np.zeros(basis.shared.shape[1])
+    shared[:count] = [float(values[n]) for n in model.linear]
+    local = np.zeros(basis.local.shape[1])
     if model.slopes is not None:
-        basis, slopes = model.slopes(0, dict(values), list(names))
+        rows = model.slopes(0, dict(values), list(names))[1]
     else:
-
-        def columns(eta: Any) -> Basis:
-            return model.columns(0, {**values, **dict(zip(names, eta))})
-
-        basis, slopes = differentiate(columns, eta, np.maximum(np.abs(eta), 1e-9))
-    output, jacobian = basis.known + level, slopes.known.T.copy()
-    for k, name in enumerate(model.linear):
-        output += float(values[name]) * basis.shared[:, k]
-        jacobian += float(values[name]) * slopes.shared[:, :, k].T
-    count = len(model.linear)
-    jacobian = np.column_stack((jacobian, basis.shared[:, :count]))
+        steps = [STEP * max(abs(float(values[n])), 1e-9) for n in names]
+        moved = [{**values, n: float(values[n]) + 1j * h} for n, h in zip(names, steps)]
+        rows = np.array([
+            np.imag(model.columns(0, v).combined(shared, local)) / h for v, h in zip(moved, steps)
+        ])  # fmt: skip
+    jacobian = np.column_stack((*rows, basis.shared[:, :count]))
     nuisance = np.column_stack((basis.shared[:, count:], basis.local))
+    output = level + basis.combined(shared, local)
     return Information((*names, *model.linear), project_out(jacobian, nuisance), output)
 
 

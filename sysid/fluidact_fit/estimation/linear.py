@@ -20,9 +20,9 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import ceil, factorial, log2
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,14 +30,13 @@ import numpy.typing as npt
 from ..experiment import Array, FloatArray
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
-from .recursion import BlockRecursion, orbit, scan
+from .recursion import orbit, scan
 
 # Taylor coefficients of exp up to degree 15, four to a row; what is left out is
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
 _FACTORIALS = np.array([float(factorial(k)) for k in range(16)])
 _SERIES = 1.0 / _FACTORIALS.reshape(4, 4)
 _HEAD = 8192  # samples within which the free response of a fast system is over
-_FORGOTTEN = 1e-60  # part of a free response at its start that is nothing
 
 
 def transition(
@@ -146,7 +145,10 @@ def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | No
     m = grid.which.size
     if m == 0:
         return c[None, :].copy()
-    phi = _transition_of(a, grid, driven)
+    if driven is None or grid.distinct.size > 1:  # unequal steps share none that could be kept
+        phi = transition(a, None, grid.distinct)[0]
+    else:
+        phi = transition(a, driven[0], grid.distinct, driven[1])[0]
     # a stable system forgets: what is left after the head is the last value
     head = min(m, _HEAD) if phi.shape[0] == 1 else m
     step = phi[0] if phi.shape[0] == 1 else phi[grid.which]
@@ -158,39 +160,6 @@ def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | No
             return np.concatenate((columns, tail))
         columns = _free_columns(step, c, m)
     return columns
-
-
-def _transition_of(a: Array, grid: Grid, driven: tuple[Array, int] | None) -> Array:
-    """Transition matrices of a free response; unequal steps share none that could be kept."""
-    if driven is None or grid.distinct.size > 1:
-        return transition(a, None, grid.distinct)[0]
-    return transition(a, driven[0], grid.distinct, driven[1])[0]
-
-
-def free_pieces(
-    a: Array, c: Array, grid: Grid, parts: Sequence[slice], driven: tuple[Array, int] | None
-) -> Iterator[Array]:
-    """`free_response` over consecutive parts of a record, one after the other."""
-    row, last = c, grid.which.size
-    even = len(parts) > 1 and grid.distinct.size == 1
-    step = _transition_of(a, grid, driven)[0] if even else None
-    for part in parts:
-        if step is not None and _is_settled(row, row @ step):  # how it began is long forgotten
-            yield np.broadcast_to(row, (part.stop - part.start, c.size))
-            continue
-        columns = free_response(a, row, grid.part(part.start, min(part.stop, last)), driven)
-        yield columns[: part.stop - part.start]
-        # exponentials of one matrix commute: what has passed can be taken first
-        row = columns[-1]
-        row = np.where(np.abs(np.real(row)) > _FORGOTTEN * np.abs(c).max(), row, 0.0)
-
-
-def _is_settled(row: Array, later: Array) -> bool:
-    """Return whether a step changes neither a response nor, where it is complex, its derivative."""
-    change = later - row
-    return all(
-        np.abs(part(change)).max() <= 1e-15 * np.abs(part(row)).max() for part in (np.real, np.imag)
-    )
 
 
 def _free_columns(step: Array, c: Array, m: int) -> Array:
@@ -238,15 +207,8 @@ def forced_response(
         states = states_at_nodes(a, b, u, grid)
     if instants is grid.instants and not np.iscomplexobj(dead_time) and dead_time == 0.0:
         return np.asarray(states @ c)
-    unit = grid.unit
-    real = instants - np.real(dead_time)
-    before = np.searchsorted(grid.instants, real + _side(dead_time) * unit, side="right") - 1
-    inside = before >= 0
-    piece = np.where(inside, before, 0)
-    partial = np.maximum(real - grid.instants[piece], 0.0)
-    distinct, which = group(partial[inside], unit)
-    which_all = np.zeros(instants.size, dtype=np.intp)
-    which_all[inside] = which
+    before, distinct, which = _last_nodes(instants, dead_time, grid)
+    inside, piece = before >= 0, np.maximum(before, 0)
     if distinct.size == 0:
         return np.zeros(instants.size, dtype=np.result_type(states, c))
     shift = -1j * np.imag(dead_time)
@@ -259,169 +221,41 @@ def forced_response(
         if moved.size == 1:
             y = states[piece] @ row[0] + u.coefficients[piece] @ rows[0]
         else:
-            y = np.einsum("kn,kn->k", states[piece], row[which_all])
-            y = y + np.einsum("kd,kd->k", u.coefficients[piece], rows[which_all])
+            y = np.einsum("kn,kn->k", states[piece], row[which])
+            y = y + np.einsum("kd,kd->k", u.coefficients[piece], rows[which])
         y += _kink_part(a, b, c, u, instants - dead_time, piece, grid.instants)
     return np.where(inside, y, 0.0)
 
 
-def forced_pieces(
-    a: Array,
-    b: Array,
-    c: Array,
-    u: PiecewiseInput,
-    nodes: Grid,
-    samples: Grid,
-    parts: Sequence[slice],
-    *,
-    dead_time: complex,
-    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
-    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None,
-) -> Iterator[Array]:
-    """`forced_response` over consecutive parts of a record; the state goes from one to the next.
+def _last_nodes(
+    instants: FloatArray, dead_time: complex, grid: Grid
+) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.integer[Any]]]:
+    """Last nodes that act at some instants, ``(k,)``, and how long they have acted then.
 
-    Parameters
-    ----------
-    nodes, samples
-        Instants of the input and of the record; one object where they are the same.
-    parts
-        Consecutive samples.
-    shape
-        What the input passes first.
-    run
-        States at some nodes, where the caller keeps them.
+    A node is -1 where there is none. The times that have passed [s] are grouped; each instant
+    has one of them, the first where there is no node.
     """
-    if _are_alike(nodes, samples):
-        yield from _even_pieces(a, b, c, u, nodes, samples, parts, dead_time, shape, run)
-        return
-    run = partial(states_at_nodes, a, b) if run is None else run
-    nudge = _side(dead_time) * nodes.unit
-    first, state, end = 0, None, nodes.which.size
-    for part in parts:
-        last = end
-        if part.stop < samples.instants.size:
-            real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge
-            last = max(int(np.searchsorted(nodes.instants, real, side="right")) - 1, first)
-        some, grid = _between(u, first, last, shape), nodes.part(first, last)
-        states = run(some, grid, state)
-        yield forced_response(
-            a, b, c, some, samples.instants[part], dead_time=dead_time, grid=grid, states=states
-        )
-        first, state = last, states[-1]
+    late, unit = np.real(dead_time), grid.unit
+    # An instant on a node belongs to either piece, but only the earlier one gives the slope for a
+    # longer dead time: at zero there is no other direction.
+    side = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+    if instants is grid.instants and grid.distinct.size == 1:
+        back = ceil(late / unit - side)
+        before = np.maximum(np.arange(instants.size) - back, -1)
+        return before, np.array([max(back * unit - late, 0.0)]), np.zeros_like(before)
+    real = instants - late
+    before = np.searchsorted(grid.instants, real + side * unit, side="right") - 1
+    inside = before >= 0
+    passed = np.maximum(real - grid.instants[np.maximum(before, 0)], 0.0)
+    which = np.zeros(instants.size, dtype=np.intp)
+    distinct, which[inside] = group(passed[inside], unit)
+    return before, distinct, which
 
 
-def _side(dead_time: complex) -> float:
-    """Piece to which an instant on a node belongs, in steps.
-
-    Either, but only the earlier one gives the slope for a longer dead time: at zero there is no
-    other direction.
-    """
-    return -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
-
-
-def _even_pieces(
-    a: Array, b: Array, c: Array, u: PiecewiseInput, nodes: Grid, samples: Grid,
-    parts: Sequence[slice], dead_time: complex,
-    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
-    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None,
-) -> Iterator[Array]:  # fmt: skip
-    """`forced_pieces` of records with equal steps; no states where the caller keeps none."""
-    later = nodes.instants[0] - samples.instants[0] + dead_time
-    # samples from a node to the instant that it acts on
-    back = ceil(np.real(later) / nodes.distinct[0] - _side(dead_time))
-    late: complex = max(back * nodes.distinct[0] - np.real(later), 0.0)
-    if np.imag(dead_time) != 0.0:
-        late = late - 1j * np.imag(dead_time)
-    response = None
-    if run is None:
-        response = _response(a, b, c, nodes.distinct, late, u.coefficients.shape[1] - 1)
-        run = partial(states_at_nodes, a, b)
-    first, state, end = 0, np.zeros(a.shape[0], dtype=np.result_type(a, b)), nodes.which.size
-    for part in parts:
-        last = max(part.stop - 1 - back, first) if part.stop < samples.instants.size else end
-        some = _between(u, first, last, shape)
-        begin = min(max(part.start, back), part.stop)
-        at = slice(begin - back - first, part.stop - back - first)
-        if response is not None and not some.kinks.interval.size:
-            y, state = response.run(some.coefficients, state)
-            y = y[at]
-        else:
-            states = run(some, nodes.part(first, last), state)
-            state = states[-1]
-            instants = samples.instants[begin : part.stop]
-            y = _even_output(a, b, c, some, states, at, (instants, dead_time), late)
-        # nothing acts before
-        yield y if begin == part.start else np.concatenate((np.zeros(begin - part.start), y))
-        first = last
-
-
-def _response(
-    a: Array, b: Array, c: Array, step: FloatArray, late: complex, degree: int
-) -> BlockRecursion:
-    """Outputs ``late`` [s] after nodes that are a step apart, shape ``(1,)`` [s]."""
-    phi, gamma = _scaled_transition(a, b, step, degree)
-    if abs(late) == 0.0:
-        return BlockRecursion(phi[0], gamma[0], c, np.zeros(degree + 1))
-    on, more = _scaled_transition(a, b, np.array([late]), degree)
-    return BlockRecursion(phi[0], gamma[0], c @ on[0], c @ more[0])
-
-
-def _are_alike(nodes: Grid, samples: Grid) -> bool:
-    """True if two records have equal steps, and the first does not begin before the second."""
-    if nodes is samples:
-        return nodes.distinct.size == 1
-    if nodes.distinct.size != 1 or samples.distinct.size != 1:
-        return False
-    apart = abs(nodes.distinct[0] - samples.distinct[0]) * nodes.which.size
-    return bool(
-        nodes.which.size == samples.which.size
-        and nodes.instants[0] >= samples.instants[0]
-        and apart <= SAME_STEP * nodes.unit
-    )
-
-
-def _between(
-    u: PiecewiseInput,
-    first: int,
-    last: int,
-    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
-) -> PiecewiseInput:
-    """An input from one node to another, both included, as it is shaped."""
-    if shape is None:
-        nodes = u.nodes[first : last + 1]
-        return PiecewiseInput(nodes, u.coefficients[first : last + 1])
-    # what happens before a node depends on the value at it
-    nodes = u.nodes[first : last + 2]
-    some = shape(PiecewiseInput(nodes, u.coefficients[first : last + 2]))
-    count = last + 1 - first
-    nodes = some.nodes[0:count]
-    return PiecewiseInput(nodes, some.coefficients[:count], some.kinks)
-
-
-def _even_output(
-    a: Array, b: Array, c: Array, u: PiecewiseInput, states: Array, at: slice,
-    seen: tuple[FloatArray, complex], late: complex,
-) -> Array:  # fmt: skip
-    """Output ``late`` [s] after some nodes of a grid of equal steps.
-
-    It is ``seen`` at some instants, a dead time later [s].
-    """
-    if abs(late) == 0.0:
-        return np.asarray(states[at] @ c)
-    phi, gamma = _scaled_transition(a, b, np.array([late]), u.coefficients.shape[1] - 1)
-    y = states[at] @ (c @ phi[0]) + u.coefficients[at] @ (c @ gamma[0])
-    if u.kinks.interval.size:
-        moments = np.asarray(seen[0]) - seen[1]
-        y = y + _kink_part(a, b, c, u, moments, np.arange(at.start, at.stop), u.nodes)
-    return np.asarray(y)
-
-
-def states_at_nodes(
-    a: Array, b: Array, u: PiecewiseInput, grid: Grid, start: Array | None = None
-) -> Array:
-    """States at the nodes of the input, ``(m, n)``, from ``start``, ``(n,)``, or rest."""
+def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
+    """States at the nodes of the input, ``(m, n)``, from rest."""
     degree = u.coefficients.shape[1] - 1
-    start = np.zeros(a.shape[0], dtype=np.result_type(a, b)) if start is None else start
+    start = np.zeros(a.shape[0], dtype=np.result_type(a, b))
     if grid.which.size == 0:
         return start[None]
     phi, gamma = _scaled_transition(a, b, grid.distinct, degree)
@@ -433,10 +267,9 @@ def states_at_nodes(
         forcing = np.einsum("mi,mni->mn", pieces, gamma[grid.which])
     kinks = u.kinks
     if kinks.interval.size:
-        last = kinks.interval < grid.which.size
-        index = kinks.interval[last]
-        rest = grid.distinct[grid.which[index]] - kinks.offset[last]
-        extra = _bend_response(a, b, kinks.bend[last], rest)
+        index = kinks.interval
+        rest = grid.distinct[grid.which[index]] - kinks.offset
+        extra = _bend_response(a, b, kinks.bend, rest)
         forcing = forcing.astype(np.result_type(forcing, extra))
         np.add.at(forcing, index, extra)
     return scan(phi[0] if equal else phi[grid.which], forcing, start)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..experiment import Array, FloatArray
 from ..options import FamilyOptions
 from ..specification import ParameterSpec, Request
 from ..units import after_number
-from .problem import Basis, Problem, Slopes, StationaryPoint, Unknown
+from .problem import Basis, Problem, StationaryPoint, Unknown
 from .uncertainty import Uncertainty, covariance, score_covariance
 from .whitening import Whitening
 
@@ -32,8 +32,8 @@ class NamedModel:
     columns
         ``columns(index, values) -> Basis``, analytic in every nonlinear value.
     slopes
-        Optional ``slopes(index, values, names) -> (Basis, Slopes)`` for models that
-        know their own derivatives by the named values.
+        Optional ``slopes(index, values, names)``: the columns and the derivatives of ``known`` by
+        the named values, shape ``(p, n)``, of models of which nothing else depends on them.
     measured
         Outputs per experiment, shape ``(n_i,)`` [SI].
     weights
@@ -54,9 +54,6 @@ class NamedModel:
     channels
         Rows of each experiment that hold different functions of the same samples. Their
         errors are not independent; the covariance is then taken from the scores.
-    pieces
-        Optional ``pieces(index, values)`` for long records: the same columns, as an iterator over
-        those of consecutive rows.
     follow
         Optional ``follow(values, change) -> values`` that a change of some leads to; see
         :func:`.minimise.minimise`.
@@ -66,7 +63,7 @@ class NamedModel:
     linear: tuple[str, ...]
     columns: Callable[[int, Values], Basis]
     measured: Sequence[FloatArray]
-    slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
+    slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, FloatArray]] | None = None
     weights: Sequence[FloatArray | float] = ()
     nuisance: tuple[str, ...] = ()
     resolutions: Sequence[float] = ()
@@ -74,7 +71,6 @@ class NamedModel:
     logs: Sequence[int] = ()
     sigma_floor: float = 0.0
     channels: Sequence[Sequence[slice]] = ()
-    pieces: Callable[[int, Values], Iterator[Basis]] | None = None
     follow: Callable[[Values, Mapping[str, float]], Mapping[str, float]] | None = None
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
@@ -114,7 +110,7 @@ class NamedModel:
             return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
 
         names = (*self.nonlinear, *self.linear)
-        return replace(self, nonlinear=names, linear=(), columns=columns, pieces=None, slopes=None)
+        return replace(self, nonlinear=names, linear=(), columns=columns, slopes=None)
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -132,14 +128,6 @@ class _Bound:
         self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
         if model.slopes is not None:
             self.slopes = self._slopes
-        if model.pieces is not None:
-            self.pieces = self._pieces
-
-    def _split(self, known: Array, shared: Array) -> tuple[Array, Array]:
-        """Add the held columns to what is known; the others stay."""
-        if self.free.all():
-            return known, shared
-        return known + shared[..., ~self.free] @ self.fixed, shared[..., self.free]
 
     def _values(self, eta: Array) -> Values:
         """Values that the model is computed with; the one that is moved alone is complex."""
@@ -154,20 +142,16 @@ class _Bound:
         return np.array([found[n] for n in self.names])
 
     def basis(self, index: int, eta: Array) -> Basis:
-        return self._open(self.model.columns(index, self._values(eta)))
+        """The columns of what is free; the held ones are known."""
+        b = self.model.columns(index, self._values(eta))
+        if self.free.all():
+            return b
+        known = b.known + b.shared[:, ~self.free] @ self.fixed
+        return Basis(known, b.shared[:, self.free], b.local)
 
-    def _pieces(self, index: int, eta: Array) -> Iterator[Basis]:
-        assert self.model.pieces is not None
-        return map(self._open, self.model.pieces(index, self._values(eta)))
-
-    def _open(self, b: Basis) -> Basis:
-        """The columns of what is free."""
-        return Basis(*self._split(b.known, b.shared), b.local)
-
-    def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
+    def _slopes(self, index: int, eta: FloatArray) -> FloatArray:
         assert self.model.slopes is not None
-        b, s = self.model.slopes(index, self._values(eta), self.names)
-        return self._open(b), Slopes(*self._split(s.known, s.shared), s.local)
+        return self.model.slopes(index, self._values(eta), self.names)[1]
 
 
 def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:

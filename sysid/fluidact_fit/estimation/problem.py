@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..experiment import Array, BoolArray, FloatArray
-from ..rows import is_repeated
 from .price import simulated
 from .whitening import Whitening
 
@@ -47,22 +46,16 @@ class Basis:
     shared: Array
     local: Array
 
-
-@dataclass(frozen=True)
-class Slopes:
-    """Derivatives of the columns by ``eta``: shapes ``(p, n)``, ``(p, n, .)``, ``(p, n, .)``."""
-
-    known: FloatArray
-    shared: FloatArray
-    local: FloatArray
+    def combined(self, shared: FloatArray, local: FloatArray) -> Array:
+        """Output of the model with some linear unknowns, shape ``(n,)``."""
+        return np.asarray(self.known + self.shared @ shared + self.local @ local)
 
 
 class Model(Protocol):
     """Model as the solver needs it.
 
-    One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
-    returns the columns and their :class:`Slopes`. One of long records has a method
-    ``pieces(index, eta)``, which returns an iterator over the columns of consecutive rows.
+    One of which ``known`` alone depends on ``eta``, and which knows its derivatives, has a method
+    ``slopes(index, eta)`` as well, which returns those of ``known``, shape ``(p, n)``.
     """
 
     def basis(self, index: int, eta: Array) -> Basis:
@@ -111,28 +104,38 @@ class Problem:
         every = (*self.nonlinear, *self.linear)
         return {u.name: float(x) for u, x in zip(every, values)}
 
-    def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
-        """Columns of one experiment, piece by piece; whole where it is whitened."""
-        own = None if self.whiten else getattr(self.model, "pieces", None)
-        if own is None:
-            return iter((self.basis(index, eta),))
-        self.count(index)
-        return own(index, eta)
-
     def basis(self, index: int, eta: Array) -> Basis:
         """Columns of one experiment."""
         self.count(index)
         return self.model.basis(index, eta)
 
+    def derivatives(
+        self, index: int, eta: FloatArray, scales: FloatArray, shared: FloatArray, local: FloatArray
+    ) -> FloatArray:
+        """Derivatives of the output of one experiment by ``eta``, shape ``(p, n)``.
+
+        By complex steps, of a part of the ``scales``, unless the model has its own.
+        """
+        own = getattr(self.model, "slopes", None)
+        if own is not None:
+            self.count(index, 1 + eta.size)
+            return np.asarray(own(index, eta))
+        out = np.empty((eta.size, self.measured[index].shape[0]))
+        for k, step in enumerate(STEP * scales):
+            moved = eta.astype(complex)
+            moved[k] += 1j * step
+            out[k] = np.imag(self.basis(index, moved).combined(shared, local)) / step
+        return out
+
     def count(self, index: int, passes: int = 1) -> None:
         """Count simulations of one experiment."""
         simulated(self.measured[index].shape[0] / self.channels, passes)
 
-    def weigh(self, index: int, table: Array, at: slice) -> Array:
-        """Weigh and whiten a table (samples first) of one experiment, or rows of it."""
+    def weigh(self, index: int, table: Array) -> Array:
+        """Weigh and whiten a table (samples first) of one experiment."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
         if w.ndim:
-            table = table * (w[at, None] if table.ndim > 1 else w[at])
+            table = table * w[:, None]
         elif w != 1.0:
             table = table * w
         return self.whiten[index].filter(table) if self.whiten else table
@@ -178,29 +181,6 @@ class StationaryPoint:
     converged: bool
 
 
-def differentiate(
-    basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
-) -> tuple[Basis, Slopes]:
-    """Columns and their exact derivatives by complex steps."""
-    steps = STEP * scales
-    at = basis(eta)
-    return at, slopes_of(at, [basis(eta + 1j * row) for row in np.diag(steps)], steps)
-
-
 def real_if_real(values: Array) -> Array:
     """Complex values as real ones where no step was taken in them: half the work."""
     return np.real(values) if not np.any(np.imag(values)) else values
-
-
-def slopes_of(at: Basis, turned: Sequence[Basis], steps: FloatArray) -> Slopes:
-    """Derivatives from columns with a complex step in every unknown."""
-
-    def slope(part: str) -> FloatArray:
-        columns, count = [getattr(b, part) for b in turned], len(at.known)
-        kept = 1 if columns and all(map(is_repeated, columns)) else count
-        rows = [np.imag(x[:kept]) / step for x, step in zip(columns, steps)]
-        shape = getattr(at, part).shape[1:]
-        found = np.reshape(rows, (steps.size, kept, *shape))
-        return np.broadcast_to(found, (steps.size, count, *shape))
-
-    return Slopes(slope("known"), slope("shared"), slope("local"))

@@ -158,65 +158,6 @@ def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
     return np.vstack((start, local.reshape(blocks * width, n)[:m]))
 
 
-class BlockRecursion:
-    """``x[j+1] = phi x[j] + gamma w[j]``, ``y[j] = row x[j] + direct w[j]`` in whole arrays.
-
-    Blocks of steps are one product with a matrix that takes the inputs of a block to its outputs
-    and to the state that it adds at its end; of the states only those at its ends are computed.
-
-    Parameters
-    ----------
-    phi, gamma : (n, n), (n, d)
-    row, direct : (n,), (d,)
-    """
-
-    _WIDTH = 16  # divides the rows of a block of a long record
-
-    def __init__(self, phi: Array, gamma: Array, row: Array, direct: Array) -> None:
-        self.phi, self.gamma, self.row, self.direct = phi, gamma, row, direct
-        width, (n, d) = self._WIDTH, gamma.shape
-        powers = orbit(np.eye(n), phi, width + 1)
-        self._whole = powers[-1]
-        free = row @ powers  # (width + 1, n), outputs of a state
-        self._free = np.ascontiguousarray(free[:width].T)
-        impulse = np.concatenate((np.zeros((1, d)), direct[None], free[:width] @ gamma))
-        taken = np.concatenate(
-            (
-                impulse[_lags(width)].transpose(0, 2, 1),  # of input, component and output
-                (powers[width - 1 :: -1] @ gamma).transpose(0, 2, 1),
-            ),
-            axis=2,
-        )
-        self._taken = np.ascontiguousarray(taken.reshape(width * d, width + n))
-
-    def run(self, inputs: Array, start: Array) -> tuple[Array, Array]:
-        """Outputs ``(m + 1,)`` at as many instants as inputs ``(m + 1, d)``, and the last state."""
-        width, steps = self._WIDTH, inputs.shape[0] - 1
-        count = steps // width
-        out = np.empty(steps + 1, dtype=np.result_type(self._taken, inputs, start))
-        x = start
-        if count:
-            found = _product(inputs[: count * width].reshape(count, -1), self._taken)
-            added = found[:, width:]
-            states = scan(self._whole, added[:-1], start) if count > 1 else np.asarray(start)[None]
-            blocks = out[: count * width].reshape(count, width)
-            np.matmul(states, self._free, out=blocks)
-            blocks += found[:, :width]
-            x = self._whole @ states[-1] + added[-1]
-        for k in range(count * width, steps):
-            out[k] = self.row @ x + self.direct @ inputs[k]
-            x = self.phi @ x + self.gamma @ inputs[k]
-        out[steps] = self.row @ x + self.direct @ inputs[steps]
-        return out, x
-
-
-def _product(left: Array, right: Array) -> Array:
-    """``left @ right``; a real and a complex table as two real ones."""
-    if np.iscomplexobj(right) and not np.iscomplexobj(left):
-        return np.asarray(left @ right.view(float)).view(complex)
-    return np.asarray(left @ right)
-
-
 def _in_blocks(steps: Array, blocks: int, width: int, kind: npt.DTypeLike) -> Array:
     """Cut what belongs to steps into blocks of equal width, zeros at the end."""
     out = np.zeros((blocks * width, *steps.shape[1:]), dtype=kind)

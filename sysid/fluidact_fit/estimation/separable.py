@@ -58,16 +58,11 @@ def solve(
     scales = np.array([u.scale for u in problem.nonlinear])
     tangent: Tangent | None = None
 
-    def move(fit: Eliminated) -> Tangent:
-        nonlocal tangent
-        if tangent is None:
-            tangent = Tangent(fit, scales)
-        else:
-            tangent.move(fit, scales)
-        return tangent
-
     def slopes(fit: Eliminated) -> tuple[FloatArray, FloatArray]:
-        j, r = move(fit).normal()
+        nonlocal tangent
+        tangent = None  # of long records there is no room for two
+        tangent = Tangent(fit, scales)
+        j, r = tangent.normal()
         return j.T @ r, j.T @ j
 
     low, high = bounds_of(problem.nonlinear)
@@ -75,7 +70,7 @@ def solve(
         lambda eta: Eliminated(problem, eta), slopes, start, (low, high), rows=problem.rows,
         max_iterations=max_iterations, tolerance=tolerance, damping=damping, follow=problem.follow,
     )  # fmt: skip
-    at_end = tangent if tangent is not None and found.sloped else move(found.point)
+    at_end = tangent if tangent is not None and found.sloped else Tangent(found.point, scales)
     on_bound = (found.x <= low) | (found.x >= high)
     return _finish(found.point, at_end, on_bound, found.iterations, found.converged)
 

@@ -36,7 +36,7 @@ from ..errors import Notice, UsageError
 from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
 from ..estimation.noise import common_step, noise_floor, white_noise
 from ..estimation.parametric import Fitted, fit_named
-from ..estimation.problem import Basis, Slopes
+from ..estimation.problem import Basis
 from ..estimation.recursion import behind_play, clamped
 from ..estimation.results import undetermined_error
 from ..estimation.uncertainty import covariance
@@ -199,7 +199,7 @@ class PlayModel:
     reaches: Sequence[Reach | None]
     level: float | None = None
 
-    def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
+    def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, FloatArray]:
         """Path of a run and its derivatives; its first position is its own, as its offset is."""
         x, y = self.drives[index], self.loads[index]
         ratio, play = float(values["ratio"]), float(values["play"])
@@ -210,10 +210,8 @@ class PlayModel:
         pushing = (f.path + 0.5 * play * f.side) / (ratio or 1.0)  # the drive at the last contact
         by = {"ratio": after * pushing, "play": -0.5 * after * f.side}
         table = np.array([by[n] for n in names]).reshape(len(names), x.size)
-        nothing = np.zeros((x.size, 0))
-        return Basis(after * (f.path + (self.level or 0.0)), nothing, local), Slopes(
-            table, np.zeros((len(names), *nothing.shape)), np.zeros((len(names), *local.shape))
-        )
+        known = after * (f.path + (self.level or 0.0))
+        return Basis(known, np.zeros((x.size, 0)), local), table
 
     def columns(self, index: int, values: Values) -> Basis:
         """Path of a run."""
@@ -236,7 +234,7 @@ class PlayModel:
                 covariance([np.ones((rest.size, 1))], [rest - levels[-1]]).covariance[0, 0]
             )
             sizes.append(rest.size)
-            table -= slopes.known[:, seen].sum(axis=1)
+            table -= slopes[:, seen].sum(axis=1)
         share = np.array(sizes) / sum(sizes)
         mean = float(share @ levels)
         own = [float(share**2 @ errors)]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.price import simulated
-from ...estimation.problem import Basis, Slopes
+from ...estimation.problem import Basis
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Variant
 from ...mechanics.motion import Motion, StickSlip
@@ -155,7 +155,7 @@ class DriveModel:
         samples = self.inputs[index][1].size
         return Basis(y, np.zeros((y.size, 0)), self.compared.offset(samples))
 
-    def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
+    def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, FloatArray]:
         """Position with its exact derivatives, all in one pass through the events."""
         p = len(names)
         steps = np.array([1e-30 * max(abs(float(values[n])), 1e-12) for n in names])
@@ -165,9 +165,7 @@ class DriveModel:
         motion, samples = self.motion(index, rows)
         y = motion.position[:, samples]
         basis = self._basis(index, self.compared.reduce(np.real(y[0])))
-        none, local = (np.zeros((p, *c.shape)) for c in (basis.shared, basis.local))
-        change = np.imag(y[:p]) / steps[:, None]
-        return basis, Slopes(self.compared.reduce(change), none, local)
+        return basis, self.compared.reduce(np.imag(y[:p]) / steps[:, None])
 
     def named(self, names: Sequence[str], weights: Sequence[FloatArray] = ()) -> NamedModel:
         """The model in the form the estimation takes."""

@@ -71,7 +71,7 @@ def fall_of(axis: Axis, values: Mapping[str, float]) -> UnmodelledEffect:
         for e in experiments:
             model, _, begun = follow(e, axis, values)
             _, by = model.slopes(0, {**begun, EXPONENT: 2.0}, [EXPONENT])
-            out.append({axis.motion: -by.known[0]})
+            out.append({axis.motion: -by[0]})
         return out
 
     return another_fall(response)

@@ -166,7 +166,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Output after unit states, shape ``(n, states)``."""
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
         model = self.transfer_model(plant.variant, [experiment], begin)
-        return np.concatenate(list(model.free_responses(0, plant.numbers)))
+        return model.responses(0, plant.numbers)[1]
 
     def suppose(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float

@@ -5,24 +5,23 @@ A family gives its state space ``(A, B, C)`` as a function of named values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ...estimation.blocks import condense
+from ...estimation.blocks import condensed
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.least_squares import project_out
-from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
+from ...estimation.linear import forced_response, free_response, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis, real_if_real
 from ...estimation.response_model import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
-from ...rows import blocks, is_repeated, repeated, side_by_side
+from ...rows import repeated, side_by_side
 
 T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
@@ -57,7 +56,7 @@ class _Prepared:
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None; ``own`` says
     that it has one to itself;
-    ``unseen`` samples at its start are not described, ``parts`` are the blocks of the others.
+    ``unseen`` samples at its start are not described.
     """
 
     u: PiecewiseInput
@@ -67,7 +66,6 @@ class _Prepared:
     log: int | None
     own: bool
     unseen: int
-    parts: tuple[slice, ...]
 
 
 class TransferModel:
@@ -142,73 +140,46 @@ class TransferModel:
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         own = log is None and self.begin.offset != "none"
         nodes = samples if same else make_grid(u.nodes)
-        parts = tuple(blocks(samples.instants.size))
-        return _Prepared(u, nodes, samples, rest, log, own, unseen, parts)
+        return _Prepared(u, nodes, samples, rest, log, own, unseen)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
-        found = list(self.pieces(index, values))
-        if len(found) == 1:
-            return found[0]
-        return Basis(*(np.concatenate(x) for x in zip(*((b.known, b.shared, b.local)
-                                                        for b in found))))  # fmt: skip
-
-    def pieces(self, index: int, values: Values) -> Iterator[Basis]:
-        """The same for consecutive blocks of samples."""
         p = self.prepared[index]
+        y, local = self._forced(index, values), self._local(index, values)
+        offsets = np.zeros((y.size, len(self.several)))
+        if p.log is not None:
+            offsets[:, p.log] = 1.0
+        if self.gain is None:
+            return Basis(y, offsets, local)
+        if self.begin.offset == "none":
+            y = y + self.levels[index]
+        return Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
+
+    def _forced(self, index: int, values: Values) -> Array:
+        """Response of one run to its input, shape ``(n,)``."""
+        p, u = self.prepared[index], self.prepared[index].u
         a, b, c = map(real_if_real, self.realise(values))
-        forced = forced_pieces(
-            a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
-            shape=self._shape(index, values),
-            run=partial(self._states, index, a, b) if len(p.parts) == 1 else None,
-        )  # fmt: skip
-        for y, local in zip(forced, self._local(index, values), strict=True):
-            offsets = np.zeros((y.size, len(self.several)))
-            if p.log is not None:
-                offsets[:, p.log] = 1.0
-            if self.gain is None:
-                yield Basis(y, offsets, local)
-            else:
-                if self.begin.offset == "none":
-                    y = y + self.levels[index]
-                yield Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
-
-    def _shape(
-        self, index: int, values: Values
-    ) -> Callable[[PiecewiseInput], PiecewiseInput] | None:
-        """Static characteristic in front of the linear model."""
-        if not self.dead_zone:
-            return None
-        edges = real_if_real(np.array([values[f"dead_zone_{s}"] for s in ("negative", "positive")]))
-
-        def shape(u: PiecewiseInput) -> PiecewiseInput:
-            return apply_dead_zone(u, *edges)
-
-        if len(self.prepared[index].parts) > 1:
-            return shape
-        return lambda u: self._remember(("shape", index), [edges], lambda: shape(u))
-
-    def _states(
-        self, index: int, a: Array, b: Array, u: PiecewiseInput, nodes: Grid, start: Array | None
-    ) -> Array:
-        """States at some nodes; dead times differ in the output equation alone."""
-
-        def compute() -> Array:
-            return states_at_nodes(a, b, u, nodes, start)
-
         if self.dead_zone:
-            return compute()
-        return self._remember(("states", index), (a, b), compute)
+            names = ("dead_zone_negative", "dead_zone_positive")
+            edges = real_if_real(np.array([values[n] for n in names]))
+            u = self._remember(("shape", index), [edges], lambda: apply_dead_zone(p.u, *edges))
+            states = states_at_nodes(a, b, u, p.nodes)
+        else:  # dead times differ in the output equation alone
+            states = self._remember(
+                ("states", index), (a, b), lambda: states_at_nodes(a, b, u, p.nodes)
+            )
+        return forced_response(
+            a, b, c, u, p.samples.instants, dead_time=values.get("dead_time", 0.0), grid=p.nodes,
+            states=states,
+        )  # fmt: skip
 
-    def responses(self, index: int, values: Values) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Forced response and free responses without the offset of one run, block by block."""
-        own = self.prepared[index].own
-        for basis in self.pieces(index, values):
-            local = np.asarray(basis.local[:, :-1] if own else basis.local)
-            if self.gain is None:
-                yield np.asarray(basis.known), local
-            else:
-                yield float(values[self.gain]) * basis.shared[:, 0], local
+    def responses(self, index: int, values: Values) -> tuple[FloatArray, FloatArray]:
+        """Forced response and free responses without the offset of one run."""
+        basis = self.columns(index, values)
+        local = np.asarray(basis.local[:, :-1] if self.prepared[index].own else basis.local)
+        if self.gain is None:
+            return np.asarray(basis.known), local
+        return float(values[self.gain]) * basis.shared[:, 0], local
 
     def steady_level(self, index: int, values: Values) -> float:
         """Steady output at the level that the input of a run starts from; part of an offset.
@@ -219,40 +190,22 @@ class TransferModel:
             return 0.0
         return float(values[self.gain]) * self.levels[index]
 
-    def free_responses(self, index: int, values: Values) -> Iterator[FloatArray]:
-        """Free responses without the offset of one run, block by block."""
-        own = self.prepared[index].own
-        return (np.asarray(x[:, :-1] if own else x) for x in self._local(index, values))
-
-    def _local(self, index: int, values: Values) -> Iterator[Array]:
+    def _local(self, index: int, values: Values) -> Array:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
+        count, own = p.samples.instants.size, np.ones(int(p.own))
+        if p.rest:
+            return repeated(own, count)
         # an offset that is not the run's own stands for no initial state
         free = self.beginnings(values) if p.own else any_start(*self.realise(values))
-        for part, every in zip(p.parts, self._free(index, free), strict=True):
-            count, own = part.stop - part.start, np.ones(int(p.own))
-            if every is None:
-                yield repeated(own, count)
-            elif is_repeated(every):
-                yield repeated(np.concatenate((every[0, free.states], own)), count)
-            else:
-                yield side_by_side(every[:, free.states], repeated(own, count))
-
-    def _free(self, index: int, free: Free) -> Iterator[Array | None]:
-        """Free responses; none of a run that starts at rest."""
-        p, a, c = self.prepared[index], free.a, free.c
-        if p.rest:
-            yield from (None for _ in p.parts)
-            return
-        driven = None
+        driven, of = None, [free.a, free.c]
         if free.b is not None and p.nodes.distinct.size == 1:
             driven = free.b, p.u.coefficients.shape[1] - 1
-        pieces = free_pieces(a, c, p.samples, p.parts, driven)
-        if len(p.parts) > 1:
-            yield from pieces
-        else:
-            of = (a, c) if driven is None else (a, c, driven[0])
-            yield self._remember(("free", index), of, lambda: next(pieces))
+            of.append(free.b)
+        found = self._remember(
+            ("free", index), of, lambda: free_response(free.a, free.c, p.samples, driven)
+        )
+        return side_by_side(found[:, free.states], repeated(own, count))
 
     def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
@@ -271,7 +224,7 @@ class TransferModel:
         return NamedModel(
             tuple(nonlinear), linear, self.columns, self.measured,
             nuisance=tuple(f"offset[{k}]" for k in self.several),
-            resolutions=self.resolutions, logs=self.logs, pieces=self.pieces,
+            resolutions=self.resolutions, logs=self.logs,
         )  # fmt: skip
 
 
@@ -293,8 +246,7 @@ def simulate_transfer(
     if not model.measured:
         return [
             Simulated(
-                np.concatenate([known for known, _ in model.responses(i, values)])
-                + (model.steady_level(i, values) + (offset or 0.0)),
+                model.responses(i, values)[0] + (model.steady_level(i, values) + (offset or 0.0)),
                 offset=offset or 0.0,
             )
             for i in runs
@@ -304,40 +256,18 @@ def simulate_transfer(
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
-        prepared = [model.prepared[i] for i in own]
-        outputs = [np.full(p.unseen + p.samples.instants.size, np.nan) for p in prepared]
-        forced = [y[p.unseen :] for p, y in zip(prepared, outputs, strict=True)]
-        found = _fit_offset(
-            [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)],
-            none,
-        )
-        for i, y, output, unknowns in zip(own, forced, outputs, found, strict=True):
-            _add_beginnings(model, i, values, y, unknowns)
+        responses = [model.responses(i, values) for i in own]
+        tables = [
+            condensed([side_by_side(free, np.ones(known.size), model.measured[i] - known)])
+            for i, (known, free) in zip(own, responses, strict=True)
+        ]
+        found = _fit_offset(tables, none)
+        for i, (known, free), unknowns in zip(own, responses, found, strict=True):
+            unseen = np.full(model.prepared[i].unseen, np.nan)
+            output = np.append(unseen, known + free @ unknowns[:-1] + unknowns[-1])
             level = None if none else float(unknowns[-1]) - model.steady_level(i, values)
             out[i] = Simulated(output, offset=level)
     return [out[i] for i in runs]
-
-
-def _columns(
-    model: TransferModel, index: int, values: Values, forced: FloatArray
-) -> Iterator[FloatArray]:
-    """Free responses, a constant, and what both are to explain, block by block.
-
-    The response to the input, shape ``(n,)``, is kept in ``forced``.
-    """
-    for part, (known, free) in zip(model.prepared[index].parts, model.responses(index, values)):
-        forced[part] = known
-        rest = model.measured[index][part] - known
-        yield side_by_side(free, np.ones(rest.size), rest)
-
-
-def _add_beginnings(
-    model: TransferModel, index: int, values: Values, forced: FloatArray, unknowns: FloatArray
-) -> None:
-    """Add initial state and offset of a run to its response to the input."""
-    p = model.prepared[index]
-    for part, free in zip(p.parts, model.free_responses(index, values), strict=True):
-        forced[part] += free @ unknowns[:-1] + unknowns[-1]
 
 
 def _fit_offset(runs: Sequence[FloatArray], none: bool) -> list[FloatArray]:
