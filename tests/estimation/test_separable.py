@@ -8,7 +8,7 @@ import pytest
 from fluidact_fit.estimation.agreement_of_logs import compare_logs
 from fluidact_fit.estimation.least_squares import bounded_least_squares
 from fluidact_fit.estimation.problem import Basis, Problem, Unknown
-from fluidact_fit.estimation.separable import evaluate, settled, solve, solve_from
+from fluidact_fit.estimation.separable import evaluate, solve, solve_from
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression, whiteness
 from fluidact_fit.estimation.whitening import Whitening
 
@@ -229,28 +229,3 @@ def test_the_odd_log_is_named() -> None:
     assert drifts[0].difference == pytest.approx(0.3, abs=0.05)
     assert all(d.p_value > 1e-3 for d in drifts[1:])
     assert max(left_out, key=left_out.__getitem__) == 4
-
-
-def test_a_solution_short_of_its_optimum_is_settled():
-    rng = np.random.default_rng(0)
-    t = np.linspace(0.0, 3.0, 400)
-    measured = [2.0 * np.exp(-1.5 * t) + 0.01 * rng.standard_normal(400) for _ in range(2)]
-
-    class Alone:
-        def basis(self, index, eta):
-            return Basis(np.zeros(400), np.exp(-eta[0] * t)[:, None], np.zeros((400, 0)))
-
-    problem = Problem(Alone(), measured, [Unknown("rate", 0.0, 10.0)], [Unknown("size")])
-    best = solve(problem, np.array([1.0]), tolerance=1e-9)
-    near = evaluate(problem, best.eta + 1e-4)
-    assert settled(problem, near, 1.0) is near
-    found = settled(problem, near, 1e-3)
-    assert abs(found.eta[0] - best.eta[0]) < 0.01 * 1e-4
-    assert found.linear == pytest.approx(best.linear, rel=1e-6)
-    assert found.cost == pytest.approx(best.cost, rel=1e-7)
-    assert sum(float(r @ r) for r in found.residuals) == found.cost
-    edge = Problem(
-        Alone(), measured, [Unknown("rate", 0.0, float(best.eta[0]) - 1e-5)], [Unknown("size")]
-    )
-    low = evaluate(edge, best.eta - 1e-4)
-    assert settled(edge, low, 1e-3) is low

@@ -26,12 +26,11 @@ from .named_model import NamedModel, bind
 from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .separable import Search, settled, solve, solve_from
+from .separable import Search, solve, solve_from
 from .significance import DECIDED, DECISIVE
 from .uncertainty import Uncertainty, information_units, model_of_residuals, t_quantile
 
 PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
-_MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-10  # damping of a search that begins near its end
 
@@ -266,17 +265,13 @@ def _attempt(
     begin = [problem.vector(s) for s in starts]
     rows = sum(y.size for y in model.measured)
     # of long logs a part was fitted before, mostly: the starts are near, or a step is rejected
-    limits: dict[str, Any] = {"tolerance": 1e-5}
-    if rows > PROFILED:
-        limits = {"tolerance": 1e-3 if rows < _MANY else 1e-2, "damping": _NEAR}
+    limits: dict[str, Any] = {"tolerance": 1e-3, "damping": _NEAR} if rows > PROFILED else {}
     search = solve_from(problem, begin, **limits)
     best, fair = search.best, model
     factors = _balance(model, best)
     if factors:
         fair = model.scaled(factors)
         best = solve(bind(fair, unknowns, held), best.eta, **limits)
-    if rows >= _MANY:
-        best = settled(bind(fair, unknowns, held), best, limits["tolerance"])
     found = fair.uncertainty(best)
     names = (*problem.names, *(u.name for u in problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))

@@ -40,7 +40,6 @@ from .whitening import Whitening
 
 _EXCERPT = 1500  # samples of the logs on which starts are searched for
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
-_LONGER = 800_000  # samples of a closer start, where there are far more
 _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
 _SMOOTH = 0.02  # of the squared residuals, up to which those of their changes show no noise
@@ -122,42 +121,20 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     begin, places = cut_unrecorded(task, few, begin, places)
     ends, part = places[:3], None
     if sum(e.samples for e in task.experiments) > _MANY:
-        part = task.named(_part(task, _MANY // 4), begin)
-        ends = _closer(task, part, ends)
-        if _are_very_long(task) and any(s.idle is not None for s in task.plan.searched):
-            # with edges in it the model is far from linear: from farther off, each step over
-            # everything would be followed by others
-            ends = _closer(task, task.named(_part(task, _LONGER), begin), ends)
+        part = task.named(excerpt(task.experiments, task.output, _MANY // 4), begin)
+        near = bind(part, task.unknowns, task.held)
+        best = solve_from(near, [near.vector(s) for s in ends], tolerance=1e-2).best
+        ends = [task.values(near, best.eta)]
     task.request.progress("fitting")
     fitted, model, begin = _fit(task, ends, part, begin, starts)
     chosen, values, said = examine_offset(task, fitted, model, begin)
     if chosen != begin:
         fitted, model, begin = _fit(task, [values], part, chosen, starts)
     fitted = replace(fitted, notices=[*fitted.notices, *said, *unrecorded_notice(task, begin)])
-    if _are_very_long(task):
-        part = task.named(_part(task, _LONGER), begin)
     end, correct = _allow_for_input_noise(task, fitted, begin)
     end = judge_rivals(task, end, fitted, model, places, part, correct)
     tried = replace(end.search, tried=search.tried, agreeing=search.agreeing)
     return Response(replace(end, search=tried), model, begin, _limit(task, fitted, model))
-
-
-def _part(task: ResponseTask[T], samples: int) -> list[Experiment]:
-    return excerpt(task.experiments, task.output, samples)
-
-
-def _are_very_long(task: ResponseTask[T]) -> bool:
-    """Return whether a longer part than the first is still a small part of the logs."""
-    return sum(e.samples for e in task.experiments) > 8 * _LONGER
-
-
-def _closer(
-    task: ResponseTask[T], part: NamedModel, starts: Sequence[Mapping[str, float]]
-) -> list[dict[str, float]]:
-    """The best that a part leads to from some starts."""
-    problem = bind(part, task.unknowns, task.held)
-    found = solve_from(problem, [problem.vector(s) for s in starts], tolerance=1e-2)
-    return [task.values(problem, found.best.eta)]
 
 
 def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> Search:

@@ -20,13 +20,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import square_sum
 from .elimination import Eliminated, Tangent
 from .least_squares import solve_normal
 from .minimise import minimise
@@ -117,30 +116,6 @@ def _finish(
         active=np.concatenate((on_bound, fit.linear_active)),
         iterations=count, converged=converged,
     )  # fmt: skip
-
-
-def settled(problem: Problem, found: StationaryPoint, least: float) -> StationaryPoint:
-    """Take one more step from a solution if it is longer than ``least``.
-
-    ``least`` is in standard errors. So short a step is exact enough as it is computed, from the
-    derivatives and residuals that are there: no model is evaluated, and ``simulate`` stays behind.
-    """
-    free = ~found.active
-    pairs = list(zip(found.jacobian, found.residuals, strict=True))
-    curvature = np.sum([j.T @ j for j, _ in pairs], axis=0)[np.ix_(free, free)]
-    gradient = np.sum([j.T @ r for j, r in pairs], axis=0)[free]
-    step = np.zeros(free.size)
-    step[free] = solve_normal(curvature, gradient, 1e-15)
-    noise = found.cost / max(problem.rows - free.size, 1)
-    at = np.concatenate((found.eta, found.linear)) + step
-    low, high = bounds_of([*problem.nonlinear, *problem.linear])
-    if not gradient @ step[free] > least**2 * noise or np.any((at < low) | (at > high)):
-        return found
-    for j, r in pairs:  # a long record has no room for both
-        r -= j @ step
-    eta, linear = at[: found.eta.size], at[found.eta.size :]
-    cost = sum(map(square_sum, found.residuals))
-    return replace(found, eta=eta, linear=linear, cost=cost)
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
