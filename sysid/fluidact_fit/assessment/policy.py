@@ -116,9 +116,6 @@ HOLD_JUMP = Threshold(
 # causes that are named where a fit is refused
 _CAUSES = "tests/assessment/test_refusal_causes.py"
 CAUSE_SAMPLES = Threshold(200.0, "samples of a log that shows a cause", _CAUSES)
-SWAPPED = Threshold(
-    4.0, "ratio of following to preceding correlation at which two columns count as swapped",
-    _CAUSES)
 LEADS_AGREE = Threshold(
     0.5, "part of the largest correlation, from which on two signals agree", _CAUSES)
 LEADS_LATER = Threshold(

@@ -40,7 +40,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
     if role := variant.leading:
         pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
         before = [leads(u, y) for u, y in pairs if u.size == y.size]
-        if _follows(runs, role, output) or (before and all(x is False for x in before)):
+        if before and all(x is False for x in before):
             yield Cause(
                 f"'{role}' follows '{output}', not the other way round: the two columns seem to "
                 f"be swapped, or a controller moves '{role}' to hold '{output}', and",
@@ -91,17 +91,6 @@ def _pairs(
     """Input and output of the runs that have both at the same samples, and enough of them."""
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
     return [(u, y) for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]
-
-
-def _follows(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    """True if the changes of an input follow those of the output instead of preceding them."""
-    ahead, behind, least = 0.0, 0.0, 0.0
-    for u, y in _pairs(runs, role, output):
-        u, y = np.diff(u), np.diff(y)
-        ahead += float(np.sum(_correlations(u, y) ** 2))
-        behind += float(np.sum(_correlations(y, u) ** 2))
-        least += 3.0 * len(_LAGS) / u.size
-    return behind > max(policy.SWAPPED * ahead, least)
 
 
 def leads(first: FloatArray, second: FloatArray) -> bool | None:

@@ -36,7 +36,6 @@ from .recursion import orbit, scan
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
 _FACTORIALS = np.array([float(factorial(k)) for k in range(16)])
 _SERIES = 1.0 / _FACTORIALS.reshape(4, 4)
-_HEAD = 8192  # samples within which the free response of a fast system is over
 
 
 def transition(
@@ -149,25 +148,10 @@ def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | No
         phi = transition(a, None, grid.distinct)[0]
     else:
         phi = transition(a, driven[0], grid.distinct, driven[1])[0]
-    # a stable system forgets: what is left after the head is the last value
-    head = min(m, _HEAD) if phi.shape[0] == 1 else m
-    step = phi[0] if phi.shape[0] == 1 else phi[grid.which]
-    columns = _free_columns(step, c, head)
-    if head < m:
-        change = np.abs(columns[-1] - columns[-2])
-        if np.all(change <= 1e-15 * np.abs(columns).max(axis=0)):
-            tail = np.broadcast_to(columns[-1], (m - head, c.size))
-            return np.concatenate((columns, tail))
-        columns = _free_columns(step, c, m)
-    return columns
-
-
-def _free_columns(step: Array, c: Array, m: int) -> Array:
-    """Free responses over ``m`` steps, shape ``(m + 1, n)``."""
-    if step.ndim == 2:
-        return orbit(c, step, m + 1)
+    if phi.shape[0] == 1:
+        return orbit(c, phi[0], m + 1)
     none = np.zeros((m, c.size))
-    return np.column_stack([scan(step, none, e) @ c for e in np.eye(c.size)])
+    return np.column_stack([scan(phi[grid.which], none, e) @ c for e in np.eye(c.size)])
 
 
 def forced_response(

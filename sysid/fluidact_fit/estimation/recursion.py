@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from math import ceil
 
 import numpy as np
@@ -12,7 +11,6 @@ from ..experiment import Array, FloatArray
 from ..rows import blocks
 
 _PER_STEP = 20  # parts that begin in the time of a step of all parts side by side
-_SHORT = 16_000  # numbers of a forcing for which one banded system is quicker than blocks
 
 
 def orbit(start: Array, phi: Array, count: int) -> Array:
@@ -96,7 +94,7 @@ def behind_play(values: FloatArray, width: float) -> FloatArray:
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:
-    """Solve ``x[j+1] = phi[j] x[j] + forcing[j]`` in whole arrays.
+    """Solve ``x[j+1] = phi[j] x[j] + forcing[j]``.
 
     Parameters
     ----------
@@ -108,88 +106,24 @@ def scan(phi: Array, forcing: Array, start: Array) -> Array:
     -------
     (m + 1, n), starting with ``start``.
     """
-    if phi.ndim == 3:
-        return _scan_unequal(phi, forcing, start)
-    return (_scan_short if forcing.size <= _SHORT else _scan_equal)(phi, forcing, start)
+    out = np.empty((forcing.shape[0] + 1, start.size), np.result_type(phi, forcing, start))
+    out[0] = start
+    for at in blocks(forcing.shape[0]):
+        own = phi[at] if phi.ndim == 3 else phi
+        out[at.start : at.stop + 1] = _scan_block(own, forcing[at], out[at.start])
+    return out
 
 
-def _scan_short(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` for few equal steps: one triangular band, all states one below the other."""
+def _scan_block(phi: Array, forcing: Array, start: Array) -> Array:
+    """`scan` as one triangular band, all states one below the other."""
     from scipy.linalg.blas import dtbsv, ztbsv
 
     m, n = forcing.shape
-    kind = np.result_type(phi, forcing, start)
-    column = np.zeros((n, 2 * n), dtype=kind)  # of the band, for every entry of a state
-    column[:, 0] = 1.0
+    columns = np.zeros((m + 1, n, 2 * n), dtype=start.dtype)  # of the band
+    columns[..., 0] = 1.0
     for k in range(n):
-        column[k, n - k : 2 * n - k] = -phi[:, k]
-    band = np.tile(column, (m + 1, 1)).T
-    states = np.concatenate((start, forcing.ravel()), dtype=kind)
-    solve = ztbsv if kind.kind == "c" else dtbsv
-    return np.asarray(solve(2 * n - 1, band, states, lower=1, diag=1)).reshape(m + 1, n)
-
-
-@cache
-def _lags(width: int) -> npt.NDArray[np.intp]:
-    """``1 + i - j`` for ``i >= j`` and 0 above, shape ``(width, width)`` of ``(j, i)``."""
-    k = np.arange(width)
-    return np.maximum(1 + k[None, :] - k[:, None], 0)
-
-
-def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` for equal steps: blocks of steps as one product with a matrix of powers.
-
-    The blocks' end states obey the same recursion with ``phi**width``, so it is solved
-    by the same function.
-    """
-    m, n = forcing.shape
-    width = 12
-    blocks = -(-m // width)
-    kind = np.result_type(phi, forcing, start)
-    powers = np.zeros((width + 2, n, n), dtype=kind)
-    powers[1:] = orbit(np.eye(n), phi, width + 1)
-    answer = powers[_lags(width)].transpose(0, 3, 1, 2).reshape(width * n, width * n)
-    local = _in_blocks(forcing, blocks, width, kind).reshape(blocks, width * n) @ answer
-    if blocks > 1:
-        carry = _scan_equal(powers[-1], local[:-1, -n:], start)
-    else:
-        carry = np.asarray(start, dtype=kind)[None]
-    local += carry @ powers[2:].transpose(2, 0, 1).reshape(n, width * n)
-    return np.vstack((start, local.reshape(blocks * width, n)[:m]))
-
-
-def _in_blocks(steps: Array, blocks: int, width: int, kind: npt.DTypeLike) -> Array:
-    """Cut what belongs to steps into blocks of equal width, zeros at the end."""
-    out = np.zeros((blocks * width, *steps.shape[1:]), dtype=kind)
-    out[: steps.shape[0]] = steps
-    return out.reshape(blocks, width, *steps.shape[1:])
-
-
-def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` for a matrix of its own per step.
-
-    The recursion is cut into about ``sqrt(m)`` blocks that advance side by side from
-    zero; the blocks' end states are then chained and added.
-    """
-    m, n = forcing.shape
-    width = max(1, ceil(m**0.5))
-    blocks = -(-m // width)
-    kind = np.result_type(phi, forcing, start)
-    padded = _in_blocks(forcing, blocks, width, kind)
-    full = _in_blocks(phi, blocks, width, kind)
-    local = np.empty((width, blocks, n), dtype=kind)
-    products = np.empty((width, blocks, n, n), dtype=kind)
-    state = np.zeros((blocks, n), dtype=kind)
-    product = np.broadcast_to(np.eye(n, dtype=kind), (blocks, n, n))
-    for j in range(width):
-        state = (full[:, j] @ state[:, :, None])[:, :, 0] + padded[:, j]
-        local[j] = state
-        product = full[:, j] @ product
-        products[j] = product
-    carry = np.empty((blocks, n), dtype=kind)
-    x = np.asarray(start, dtype=kind)
-    for k in range(blocks):
-        carry[k] = x
-        x = product[k] @ x + state[k]
-    local += (products @ carry[None, :, :, None])[..., 0]
-    return np.vstack((start, local.transpose(1, 0, 2).reshape(blocks * width, n)[:m]))
+        columns[:m, k, n - k : 2 * n - k] = -phi[..., k]
+    states = np.concatenate((start, forcing.ravel()), dtype=start.dtype)
+    solve = ztbsv if start.dtype.kind == "c" else dtbsv
+    found = solve(2 * n - 1, columns.reshape(-1, 2 * n).T, states, lower=1, diag=1)
+    return np.asarray(found).reshape(m + 1, n)
