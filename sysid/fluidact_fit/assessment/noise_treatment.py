@@ -7,18 +7,18 @@ which size of one more column, does the residual ask for? Theory: ``docs/theory/
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from ..estimation.blocks import condense, joined
-from ..estimation.least_squares import explain, scaled_least_squares
+from ..estimation.blocks import condensed
+from ..estimation.least_squares import NEGLIGIBLE, scaled_least_squares
 from ..estimation.uncertainty import covariance, fit_autoregression, innovations
 from ..experiment import FloatArray
-from ..rows import blocks, middle_of, side_by_side
+from ..rows import middle_of, side_by_side
 from . import policy
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
@@ -88,7 +88,7 @@ def solve_triangle(triangle: FloatArray, rows: int) -> TermRegression | None:
 
 @dataclass(frozen=True)
 class AugmentedJacobian:
-    """Columns ``(J, further ones, r)`` of every series, made block by block.
+    """Columns ``(J, further ones, r)`` of every series.
 
     Attributes
     ----------
@@ -112,37 +112,17 @@ class AugmentedJacobian:
         """Number of rows of all series."""
         return sum(r.size for r in self.residuals)
 
-    def _raw(self, k: int, at: slice) -> FloatArray:
-        return side_by_side(self.jacobians[k][at], self.columns[k][at], self.residuals[k][at])
-
     @cached_property
-    def _means(self) -> list[FloatArray]:
-        """Means removed from the columns of every series."""
-        out = []
-        for k, (r, free) in enumerate(zip(self.residuals, self.free, strict=True)):
-            sums = (self._raw(k, at).sum(axis=0) for at in blocks(r.size)) if free else ()
-            out.append(np.asarray(sum(sums, np.zeros(1))) / r.size)
-        return out
-
-    def _blocks(self, k: int, order: int = 0) -> Iterator[FloatArray]:
-        """Blocks of one series, each with some rows of the one before."""
-        for at in blocks(self.residuals[k].size):
-            yield self._raw(k, slice(max(at.start - order, 0), at.stop)) - self._means[k]
-
-    @property
     def tables(self) -> list[FloatArray]:
         """All rows of every series, shape ``(n_i, p + q + 1)``."""
-        return [self._raw(k, slice(None)) - self._means[k] for k in range(len(self.residuals))]
-
-    @cached_property
-    def _plain(self) -> list[FloatArray]:
-        """Every series condensed."""
-        return [condense(self._blocks(k)) for k in range(len(self.residuals))]
+        series = zip(self.jacobians, self.columns, self.residuals, strict=True)
+        tables = [side_by_side(*parts) for parts in series]
+        return [t - t.mean(axis=0) if free else t for t, free in zip(tables, self.free)]
 
     @property
     def finite(self) -> bool:
         """Return whether all numbers are."""
-        return all(np.isfinite(x).all() for x in self._plain)
+        return all(np.isfinite(t).all() for t in self.tables)
 
     @cached_property
     def whitened(self) -> FloatArray:
@@ -150,33 +130,22 @@ class AugmentedJacobian:
 
         Shape ``(m, p + q + 1)``; every channel comes out with the variance of the first.
         """
-        table = np.vstack(self._plain)
+        table = np.vstack([condensed([t]) for t in self.tables])
         found = np.append(-scaled_least_squares(table[:, :-1], table[:, -1]), 1.0)
-        noise = [self._along(k, found) for k in range(len(self.residuals))]
         models: dict[str, tuple[FloatArray, float]] = {}
         for role in dict.fromkeys(self.roles):
-            own = [n for of, n in zip(self.roles, noise, strict=True) if of == role]
+            # of a long series, the part where it shows its colour
+            own = [t[middle_of(len(t))] @ found for t, of in zip(self.tables, self.roles)
+                   if of == role]  # fmt: skip
+            own = [noise - noise.mean() for noise in own]
             a, variance = fit_autoregression(own, int(min(_ORDER, min(n.size for n in own) // 10)))
             models[role] = a, float(np.sqrt(variance)) or 1.0
         first = models[self.roles[0]][1]
         out = []
-        for k, role in enumerate(self.roles):
+        for white, role in zip(self.tables, self.roles, strict=True):
             a, deviation = models[role]
-            white = self._plain[k]
-            if a.size:
-                white = condense(innovations(x, a) for x in self._blocks(k, a.size))
-            out.append(white * (first / deviation))
+            out.append(condensed([innovations(white, a)]) * (first / deviation))
         return np.vstack(out)
-
-    def _along(self, k: int, combination: FloatArray) -> FloatArray:
-        """A combination of the columns of one series, of a long one where it shows its colour."""
-        middle = middle_of(self.residuals[k].size)
-        parts = [
-            self._raw(k, slice(middle.start + at.start, middle.start + at.stop)) @ combination
-            for at in blocks(middle.stop - middle.start)
-        ]
-        values = joined(parts)
-        return np.asarray(values - values.mean())
 
 
 @dataclass(frozen=True)
@@ -230,7 +199,7 @@ class Instrumented:
         stacked = np.vstack(rows)
         design, residual = stacked[:, :-1], stacked[:, -1]
         z = np.vstack(exogenous.tables)[:, :-1]
-        projected = z @ explain(design, z)
+        projected = z @ scaled_least_squares(z, design, NEGLIGIBLE)
         triangle = np.asarray(np.linalg.qr(projected, mode="r"))
         own, whole = abs(float(triangle[-1, -1])), float(np.linalg.norm(triangle[:, -1]))
         x = scaled_least_squares(projected, residual)

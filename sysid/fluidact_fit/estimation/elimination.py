@@ -10,7 +10,14 @@ import numpy as np
 from ..experiment import BoolArray, FloatArray
 from ..rows import side_by_side
 from .blocks import condensed
-from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
+from .least_squares import (
+    NEGLIGIBLE,
+    bounded_least_squares,
+    orthonormal,
+    project_out,
+    scaled_least_squares,
+    without,
+)
 from .problem import Problem, bounds_of
 
 
@@ -49,7 +56,7 @@ class _Table:
     @cached_property
     def explained(self) -> FloatArray:
         """Best explanation of the other columns by the local ones, one column for each."""
-        return explain(self.others, self.local)
+        return scaled_least_squares(self.local, self.others, NEGLIGIBLE)
 
 
 class Eliminated:

@@ -313,7 +313,7 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
     """
     noise = replace(noise, linear=_is_linear(noise, build, start))
     whitening = noise.whitening(build, start)
-    found = _correct(noise, build, start, whitening, leave=_MOVED)
+    found = _correct(noise, build, start, whitening)
     far = np.abs(found.eta - start) > _MOVED * np.sqrt(np.diag(found.covariance))
     if not found.converged or np.any(far):
         whitening = noise.whitening(build, found.eta)
@@ -333,12 +333,8 @@ def _correct(
     build: Build,
     start: FloatArray,
     whitening: Sequence[Whitening],
-    leave: float = np.inf,
 ) -> Corrected:
-    """Newton's iteration on the corrected score with a fixed filter.
-
-    It ends with a first step of more than ``leave`` standard errors: the filter is another there.
-    """
+    """Newton's iteration on the corrected score with a fixed filter."""
     focused = noise.focused(whitening)
     problem = build(noise.experiments, focused)
     disturbed = _disturbed(noise, build, focused, 1.0)
@@ -347,11 +343,10 @@ def _correct(
     rows = sum(y.size for y in problem.measured)
     eta, converged = np.clip(start, low, high), False
     length = now = np.inf
-    few = _FEW if np.isfinite(leave) else len(disturbed)
     for _ in range(_STEPS):
         base = score(problem, eta)
         if now > _FAR:  # what the noise adds hardly changes within part of a standard error
-            added = _added(base, disturbed[:few], eta)
+            added = _added(base, disturbed, eta)
         curvature, weak = left_information(
             base.curvature, [a.curvature for a in added], noise.relative
         )
@@ -364,26 +359,18 @@ def _correct(
         step *= min(1.0, 0.7 * length / now) if now > length else 1.0
         length = min(now, length)
         before, eta = eta, np.clip(eta + step, low, high)
-        if now > leave:
-            break
-        if few < len(disturbed):  # they were to say whether to stay
-            if now <= _FAR:
-                added += _added(base, disturbed[few:], before)
-            few, leave = len(disturbed), np.inf
-        elif np.all(np.abs(eta - before) <= _CLOSE * errors):
+        if np.all(np.abs(eta - before) <= _CLOSE * errors):
             converged = True
             break
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
-    spread = base.curvature
-    if not now > leave:  # else another filter is to come
-        # as many rows are left as the focus lets pass of white ones
-        passed = sum(y.size * float(f.focus @ f.focus)
-                     for y, f in zip(problem.measured, focused, strict=True))  # fmt: skip
-        found = evaluate(problem, eta)
-        scale = found.cost / max(passed - eta.size - sum(found.local_counts), 1.0)
-        spread = _spread(noise, build, whitening, eta)
+    # as many rows are left as the focus lets pass of white ones
+    passed = sum(y.size * float(f.focus @ f.focus)
+                 for y, f in zip(problem.measured, focused, strict=True))  # fmt: skip
+    found = evaluate(problem, eta)
+    scale = found.cost / max(passed - eta.size - sum(found.local_counts), 1.0)
+    spread = _spread(noise, build, whitening, eta)
     covariance = scale * inverse @ spread @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
     covariance += np.atleast_2d(np.cov(each.T)) / len(each)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..experiment import Array, BoolArray, FloatArray
 
-_NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
+NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
 
 
 def lengths(columns: FloatArray) -> FloatArray:
@@ -27,31 +27,17 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     used = columns / norms if some.all() else columns[:, some] / norms[some]
     if used.shape[1] <= 1:
         return used
-    if used.shape[1] == 2:  # an offset and one state more often than not: half a decomposition
-        first, second = used.T
-        rest = second - first * (first @ second)
-        rest -= first * (first @ rest)  # once more, for what rounding has left
-        length = float(np.sqrt(rest @ rest))
-        if length > _NEGLIGIBLE:
-            return np.column_stack((first, rest / length))
     q, r = np.linalg.qr(used)
     size = np.abs(np.diag(r))
-    if size.min() > _NEGLIGIBLE * size.max():
+    if size.min() > NEGLIGIBLE * size.max():
         return q
     left, singular, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, singular > _NEGLIGIBLE * singular[0]]
+    return left[:, singular > NEGLIGIBLE * singular[0]]
 
 
 def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
     """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
     return without(orthonormal(columns), rows)
-
-
-def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Solve ``columns @ x = rows`` best, ``(n, q)`` and ``(n, p)``; shape ``(q, p)``."""
-    scale = column_scales(columns)
-    found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
-    return np.asarray(found / scale[:, None])
 
 
 def without(q: FloatArray, rows: Array) -> Array:
@@ -62,11 +48,11 @@ def without(q: FloatArray, rows: Array) -> Array:
 def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> FloatArray:
     """Least squares ``min |y - a x|`` whose columns may differ by many orders of magnitude.
 
-    ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
-    columns, each of length one, that counts.
+    ``a`` has shape ``(n, q)``, ``y`` ``(n,)`` or ``(n, p)``; ``rcond`` is the smallest singular
+    value of the columns, each of length one, that counts.
     """
     scale = column_scales(a)
-    return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
+    return np.asarray((np.linalg.lstsq(a / scale, y, rcond=rcond)[0].T / scale).T)
 
 
 def solve_normal(normal: FloatArray, right: FloatArray, rcond: float = 1e-12) -> FloatArray:

@@ -21,7 +21,7 @@ from ..specification import NoiseLevel, ParameterSpec, Request
 from ..units import after_number, as_share
 from .agreement_of_logs import LogDisagreement, compare_logs
 from .blocks import condensed
-from .least_squares import explain
+from .least_squares import scaled_least_squares
 from .named_model import NamedModel, bind
 from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
@@ -78,7 +78,7 @@ class Fitted(Solved):
         parts = self.solution.jacobian
         if other:
             table = condensed(parts)
-            found = explain(table[:, kept], table[:, other])
+            found = scaled_least_squares(table[:, other], table[:, kept])
             parts = [j[:, kept] - j[:, other] @ found for j in parts]
         if not self.factors:
             return list(parts)
