@@ -157,13 +157,8 @@ def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float)
     """
     n = sum(r.size for r in residuals)
     per_median = PER_MEDIAN * np.sqrt(n / max(n - p, 1))
-    enough = deviation / (2.0 * per_median)
-    below = sum(int(np.count_nonzero(np.abs(r[at]) < enough))
-                for r in residuals for at in blocks(r.size))  # fmt: skip
-    if 2 * below < n - 1:
-        return np.inf
-    found = per_median * float(np.median(np.concatenate([np.abs(r) for r in residuals])))
-    return found or np.inf
+    found = per_median * float(np.median(np.abs(np.concatenate(residuals))))
+    return found if 0.0 < found < 0.5 * deviation else np.inf
 
 
 def find_deciding_samples(

@@ -20,7 +20,6 @@ from ..estimation.recursion import behind_play, run_recursion
 from ..experiment import Experiment, FloatArray, Signal, all_of
 from ..family import ParameterSpec, UnmodelledEffect
 from ..options import describe
-from ..rows import blocks
 from ..units import after_number, as_time
 from . import policy
 from .optimum import Optimum, Series, delayed, root_mean_square
@@ -415,14 +414,10 @@ def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
     """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s], from rest."""
     decay = float(np.exp(-step / lag))
     ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
-    out, before, held = np.empty(even.size), float(even[0]), float(even[0])
-    for at in blocks(even.size):
-        driven = (1.0 - ramp) * even[at]
-        driven[0] += (ramp - decay) * before + decay * held
-        driven[1:] += (ramp - decay) * even[at][:-1]
-        out[at] = run_recursion(driven, [decay])
-        before, held = float(even[at][-1]), float(out[at][-1])
-    return out
+    driven = (1.0 - ramp) * even
+    driven[0] = even[0]
+    driven[1:] += (ramp - decay) * even[:-1]
+    return np.asarray(run_recursion(driven, [decay]))
 
 
 def _output_play(at: Optimum, role: str) -> Iterator[Term]:

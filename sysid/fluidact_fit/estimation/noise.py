@@ -8,13 +8,11 @@ median of the absolute differences ignores jumps and spikes, the mean square inc
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import comb, sqrt
 
 import numpy as np
 
 from ..experiment import FloatArray
-from ..rows import blocks
 
 _ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
 _EXACT = 1e-6  # part of its range that is rounding
@@ -45,25 +43,13 @@ def noise_floor(
     """
     if values.size < 4 * order:
         return 0.0
-    white = _white_parts(values, order, time)
-    if not robust:
-        return sqrt(sum(float(part @ part) for part in white) / (values.size - order))
-    size = np.empty(values.size - order)
-    for at, part in zip(blocks(size.size), white):
-        np.abs(part, out=size[at])
-    return PER_MEDIAN * float(np.median(size, overwrite_input=True))
-
-
-def _white_parts(values: FloatArray, order: int, time: FloatArray | None) -> Iterator[FloatArray]:
-    """Differences of an order that keep the size of white noise, block by block."""
     if time is not None:
         white = _divided_differences(values, time, order)
-        yield from (white[at] for at in blocks(white.size))
-        return
-    for at in blocks(values.size - order):
-        part = np.diff(values[at.start : at.stop + order], order)
-        part /= sqrt(comb(2 * order, order))
-        yield part
+    else:
+        white = np.diff(values, order) / sqrt(comb(2 * order, order))
+    if not robust:
+        return sqrt(float(white @ white) / white.size)
+    return PER_MEDIAN * float(np.median(np.abs(white), overwrite_input=True))
 
 
 def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> FloatArray:

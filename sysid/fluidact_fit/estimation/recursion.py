@@ -85,12 +85,8 @@ def clamped(
 
 def behind_play(values: FloatArray, width: float) -> FloatArray:
     """``w_k = min(max(w_(k-1), u_k - h/2), u_k + h/2)``, starting at the first value, ``(n,)``."""
-    out, now = np.empty(values.size), float(values[0])
-    for at in blocks(values.size):
-        part = values[at]
-        out[at] = clamped(now, part - 0.5 * width, part + 0.5 * width, 0.0, part.size)
-        now = float(out[at][-1])
-    return out
+    low, high = values - 0.5 * width, values + 0.5 * width
+    return clamped(float(values[0]), low, high, 0.0, values.size)
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, middle_of, square_sum
+from ..rows import middle_of, square_sum
 from .blocks import condensed
 from .converter_errors import code_errors, codes_matter, noise_beside
 from .recursion import run_recursion
@@ -166,19 +166,13 @@ def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
     """
     from scipy.linalg import solve_discrete_lyapunov
 
-    q, p = a.size, jacobian.shape[1]
-    later = np.zeros((q, p))  # what the recursion gave for the samples after these, next one first
-    total = np.zeros((p, p))
-    for at in list(blocks(jacobian.shape[0]))[::-1]:
-        driven = jacobian[at][::-1].copy()
-        for m in range(min(q, driven.shape[0])):
-            driven[m] += a[m:] @ later[: q - m]
-        found = run_recursion(driven, a)
-        total += found.T @ found
-        later = np.vstack((found[::-1][:q], later))[:q]
+    q = a.size
+    found = run_recursion(jacobian[::-1], a)
+    first = np.zeros((q, jacobian.shape[1]))  # what the recursion ends with, the last row first
+    first[: len(found)] = found[::-1][:q]
     move = np.vstack((a, np.eye(q)[: q - 1]))
     reach = solve_discrete_lyapunov(move.T, np.outer(a, a))
-    return np.asarray(total + later.T @ reach @ later)
+    return np.asarray(found.T @ found + first.T @ reach @ first)
 
 
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
