@@ -20,7 +20,6 @@ References
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -63,25 +62,6 @@ def transition(
     phi : (k, n, n)
     gamma : (k, n, degree + 1) or None
     """
-    if steps.size > 1:
-        return _transition(a, b, steps, degree)
-    # several logs of equal steps ask for the same one after the other
-    given = [a, steps] if b is None else [a, steps, b]
-    return _recent(tuple((x.tobytes(), x.dtype.char) for x in given), degree)
-
-
-@lru_cache(maxsize=16)
-def _recent(given: tuple[tuple[bytes, str], ...], degree: int) -> tuple[Array, Array | None]:
-    a, steps, *b = (np.frombuffer(content, kind) for content, kind in given)
-    n = round(a.size**0.5)
-    phi, gamma = _transition(a.reshape(n, n), b[0] if b else None, steps, degree)
-    for kept in (phi, gamma):
-        if kept is not None:
-            kept.flags.writeable = False
-    return phi, gamma
-
-
-def _transition(a: Array, b: Array | None, steps: Array, degree: int) -> tuple[Array, Array | None]:
     n = a.shape[0]
     size = n if b is None else n + degree + 1
     kind = np.result_type(a, steps, float if b is None else b)
@@ -128,7 +108,7 @@ def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[A
     return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
 
 
-def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | None = None) -> Array:
+def free_response(a: Array, c: Array, grid: Grid) -> Array:
     """Outputs ``C exp(A (t - t0)) e_i`` for every unit initial state, shape ``(m, n)``.
 
     Parameters
@@ -137,17 +117,11 @@ def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | No
     c : (n,)
     grid
         Instants of the log.
-    driven
-        Input matrix ``(n,)``, and the highest power of the input, where a forced response of the
-        same steps is computed as well: one exponential serves both.
     """
     m = grid.which.size
     if m == 0:
         return c[None, :].copy()
-    if driven is None or grid.distinct.size > 1:  # unequal steps share none that could be kept
-        phi = transition(a, None, grid.distinct)[0]
-    else:
-        phi = transition(a, driven[0], grid.distinct, driven[1])[0]
+    phi = transition(a, None, grid.distinct)[0]
     if phi.shape[0] == 1:
         return orbit(c, phi[0], m + 1)
     none = np.zeros((m, c.size))

@@ -147,7 +147,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         a, b, c = self.realise(values)
         k = values.get("stiffness")
         if k is None:
-            return Free(a, c, (1,), b)
+            return Free(a, c, (1,))
         pushed = np.zeros((3, 3), dtype=a.dtype)
         pushed[:2, :2] = a
         if np.real(k) != 0.0:

@@ -34,19 +34,17 @@ class Free:
     """A system of which some states stand for all that a run may have begun with.
 
     ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; they are as many whatever the
-    values are, for derivatives are taken column by column. ``b`` is the input of the system where
-    it is the very one that is driven.
+    values are, for derivatives are taken column by column.
     """
 
     a: Array
     c: Array
     states: tuple[int, ...]
-    b: Array | None = None
 
 
 def any_start(a: Array, b: Array, c: Array) -> Free:
     """Every state of a system by itself."""
-    return Free(a, c, tuple(range(c.size)), b)
+    return Free(a, c, tuple(range(c.size)))
 
 
 @dataclass(frozen=True)
@@ -198,12 +196,8 @@ class TransferModel:
             return repeated(own, count)
         # an offset that is not the run's own stands for no initial state
         free = self.beginnings(values) if p.own else any_start(*self.realise(values))
-        driven, of = None, [free.a, free.c]
-        if free.b is not None and p.nodes.distinct.size == 1:
-            driven = free.b, p.u.coefficients.shape[1] - 1
-            of.append(free.b)
         found = self._remember(
-            ("free", index), of, lambda: free_response(free.a, free.c, p.samples, driven)
+            ("free", index), (free.a, free.c), lambda: free_response(free.a, free.c, p.samples)
         )
         return side_by_side(found[:, free.states], repeated(own, count))
 
