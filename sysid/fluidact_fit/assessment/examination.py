@@ -42,6 +42,7 @@ _EXAMINATIONS = {
     "conditional": find_conditional,
 }
 _TELL_MORE = ("unmodelled-response", "halves-disagree")
+_TOLD_BY_THEM = ("errors-change-slowly", "timing-matters")  # causes or effects of what they name
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,8 @@ def examine(
     if at is not None:
         outliers = _examine_derivatives(at, add)
     add("channels", judge_channels(family, solution, fitted))
-    if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
-        notices = [n for n in notices if n.code != "errors-change-slowly"]
+    if any(n.code in _TELL_MORE for n in notices):
+        notices = [n for n in notices if n.code not in _TOLD_BY_THEM]
     return Examined(details, notices, outliers)
 
 

@@ -7,7 +7,6 @@ not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -22,7 +21,7 @@ from ..estimation.least_squares import scaled_least_squares
 from ..estimation.solution import base_name
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
-from ..units import as_share, as_time
+from ..units import as_share
 from . import policy
 from .corrected_score import beside_copies
 from .optimum import Optimum
@@ -43,7 +42,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     table = {s.term.name: s.entry for s in scores}
     significant = [s for s in scores if s.significant]
     if not significant:
-        return table, [*_unexamined(at, judged), *_timing(at, scores)]
+        return table, list(_unexamined(at, judged))
     enough = policy.PREFER_PARAMETER * max(abs(s.deviations) for s in significant)
     offered = [s for s in significant if s.term.offered and abs(s.deviations) > enough]
     best = max(offered or significant, key=lambda s: abs(s.deviations))
@@ -216,31 +215,6 @@ def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> Iterator[Not
         f"else that the model lacks would not be seen ({hidden} of {len(judged)} tests have no "
         "answer): the intervals hold only if the model is complete. Record the input with a "
         "cleaner sensor, or move it further and faster.",
-    )
-
-
-def _timing(at: Optimum, scores: Sequence[Score]) -> Iterator[Notice]:
-    """Name the parameter that a channel one sample late changes most, unseen."""
-    unseen: list[tuple[float, str, float, Score]] = []
-    for s in scores:
-        spec = at.variant.parameter(base_name(s.parameter))
-        if not s.term.sampled or not s.size or not s.deviations or spec.unit == "s":
-            continue  # what is a time itself is known no better than the instants
-        samples = s.term.sampled / abs(s.size)
-        shift = float(abs(s.shift) * samples)
-        share = shift / max(abs(at.number(s.parameter)), sys.float_info.min)
-        seen = samples * abs(s.deviations) > policy.TERM_SEEN
-        if not seen and samples * abs(s.errors) > policy.TERM_MOVES and share > policy.TIMING_MOVES:
-            unseen.append((share, s.term.name.removeprefix("delay of "), shift, s))
-    if not unseen:
-        return
-    _, role, shift, s = max(unseen, key=lambda x: x[0])
-    yield Notice(
-        "timing-matters",
-        f"were '{role}' recorded one sample ({as_time(s.term.sampled)}) early or late, "
-        f"{s.parameter} would be off by {shift:.2g}{at.unit(s.parameter)}"
-        f"{as_share(shift, at.number(s.parameter))}, and the residuals would not show it. Read all "
-        "channels at the same instant, and filter them alike.",
     )
 
 

@@ -8,19 +8,21 @@ from one simulation: ``-(J'J)^-1 J' c`` for a change ``c`` of the output.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.solution import moved
+from ..estimation.solution import base_name, moved
 from ..experiment import FloatArray
 from ..options import describe
-from ..units import after_number, as_share
+from ..units import after_number, as_share, as_time
 from . import policy
-from .optimum import Optimum, delayed
+from .optimum import Optimum
+from .terms import later
 
 _PERCENT = 0.01
 
@@ -39,7 +41,31 @@ def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         key: {name: e for name, c in rows if (e := _reliance(part, c, more))}
         for key, rows in found.items()
     }
-    return {key: rows for key, rows in table.items() if rows}, []
+    late = table["one_sample_late"]
+    return {key: rows for key, rows in table.items() if rows}, list(_timing(part, late))
+
+
+def _timing(at: Optimum, late: Mapping[str, dict[str, Any]]) -> Iterator[Notice]:
+    """Name the parameter that a channel one sample late changes most, unseen."""
+    unseen = []
+    for role, e in late.items():
+        value, shift = at.number(e["parameter"]), abs(e["shift"])
+        share = shift / max(abs(value), sys.float_info.min)
+        matters = abs(e["standard_errors"]) > policy.TERM_MOVES and share > policy.TIMING_MOVES
+        # what is a time itself is known no better than the instants
+        timed = at.variant.parameter(base_name(e["parameter"])).unit == "s"
+        if matters and not timed and e["seen_in_residual"] <= policy.TERM_SEEN:
+            unseen.append((share, role, e["parameter"], shift, value))
+    if not unseen:
+        return
+    _, role, name, shift, value = max(unseen)
+    step = as_time(min(e.sample_time for e in at.experiments))
+    yield Notice(
+        "timing-matters",
+        f"were '{role}' recorded one sample ({step}) early or late, {name} would be off by "
+        f"{shift:.2g}{at.unit(name)}{as_share(shift, value)}, and the residuals would not show it. "
+        "Read all channels at the same instant, and filter them alike.",
+    )
 
 
 def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
@@ -48,7 +74,7 @@ def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
     if all(e.time.size > 1 for e in runs):
         step = min(e.sample_time for e in runs)
         for role in at.driving:
-            yield role, at.change([delayed(e, role, step) for e in runs])
+            yield role, [step * c for c in later(at, role, step)]
 
 
 def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:

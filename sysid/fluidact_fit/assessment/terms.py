@@ -93,8 +93,6 @@ class Term:
         Size beyond which the term matters even where it moves no parameter.
     changes
         Parameter of which it is a change: at either end of a log it is off by half of the size.
-    sampled
-        Size that one sample makes of a channel that was read at another instant [s], else 0.
     """
 
     name: str
@@ -111,7 +109,6 @@ class Term:
     instruments: Sequence[FloatArray] = ()
     enough: float = np.inf
     changes: str = ""
-    sampled: float = 0.0
 
     def advice(self, size: float) -> str:
         """What to do about a size."""
@@ -331,17 +328,17 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
     def more(size: float) -> str:
         return f"{words(size)} for every second since the start of the log"
 
-    later = _later(at, role, step)
-    yield Term(f"delay of {role}", "s", words, _CLOCK, later, sampled=step)
+    columns = later(at, role, step)
+    yield Term(f"delay of {role}", "s", words, _CLOCK, columns)
     begin: dict[int, float] = {}
     for e in at.experiments:
         begin[e.log] = min(float(e.time[0]), begin.get(e.log, np.inf))
     drifting = [(all_of(s.experiment.time, s.used) - begin[s.experiment.log]) * c
-                for s, c in zip(at.series, later, strict=True)]  # fmt: skip
+                for s, c in zip(at.series, columns, strict=True)]  # fmt: skip
     yield Term(f"clock of {role}", "1", more, _CLOCKS, drifting)
 
 
-def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
+def later(at: Optimum, role: str, step: float) -> list[FloatArray]:
     """Change of the output per second that an input comes later.
 
     Half the difference of a delay and a lead by one sample where a model reads a held input at its
