@@ -17,14 +17,13 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import ceil
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.blocks import condensed
+from ..estimation.blocks import condensed, joined
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
 from ..logs.log import count_of
@@ -89,9 +88,11 @@ def wider_by_blocks(
     if np.any(blind) or not counts:  # the output may say nothing of what was fitted to others
         return out
     finest = counts[-1]
-    ends = [k * n // finest for k in range(finest + 1)]
-    told = [_contribution(jacobians, residuals, bread, a, b) for a, b in pairwise(ends)]
-    parts, white = (np.array(x) for x in zip(*told, strict=True))
+    begins = np.arange(finest) * n // finest
+    weights = joined(jacobians) @ bread
+    # what every block adds to the estimate, and its variance for independent errors of one
+    parts = np.add.reduceat(weights * joined(residuals)[:, None], begins)
+    white = np.add.reduceat(weights**2, begins)
     left = sum(square_sum(r) for r in residuals) / n
     # rows that are left out, where a filter settles or a log is long, made the errors smaller
     known = np.maximum(errors**2, left * white.sum(axis=0))
@@ -102,28 +103,6 @@ def wider_by_blocks(
         more = found > chdtri(free, policy.CHANCE) / free
         out = np.where(more, np.maximum(out, found), out)
     return np.sqrt(out)
-
-
-def _contribution(
-    jacobians: Sequence[FloatArray],
-    residuals: Sequence[FloatArray],
-    bread: FloatArray,
-    begin: int,
-    end: int,
-) -> tuple[FloatArray, FloatArray]:
-    """``B J' r`` over some rows, counted through all runs, and its variance for errors of one.
-
-    Both have shape ``(p,)``; the errors are independent.
-    """
-    total, square, first = np.zeros(len(bread)), np.zeros(len(bread)), 0
-    for j, r in zip(jacobians, residuals, strict=True):
-        a, b = max(begin - first, 0), min(end - first, r.size)
-        if a < b:
-            weights = j[a:b] @ bread
-            total += r[a:b] @ weights
-            square += np.einsum("ij,ij->j", weights, weights)
-        first += r.size
-    return total, square
 
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:

@@ -27,7 +27,7 @@ from ..estimation.noise import PER_MEDIAN
 from ..experiment import Experiment, FloatArray, IndexArray
 from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
-from ..rows import blocks, square_sum
+from ..rows import square_sum
 from ..units import as_share
 from . import policy
 from .optimum import Optimum
@@ -124,10 +124,9 @@ def measure_influence(
     robust = _robust_deviation(residuals, p, np.sqrt(squares / degrees))
     limit = float(-stdtrit(degrees, 0.5 * policy.ODD / n))
     leverage, most, effects = 0.0, 0.0, []
-    odd: list[list[IndexArray]] = [[] for _ in residuals]
-    for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
-        r = residuals[series][part]
-        q = jacobians[series][part] @ inverse
+    odd: list[IndexArray] = []
+    for series, (j, r) in enumerate(zip(jacobians, residuals, strict=True)):
+        q = j @ inverse
         own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
         studentised = r / np.sqrt(1.0 - own)
         sigma = np.sqrt(np.maximum(squares - studentised**2, 0.0) / degrees)
@@ -139,15 +138,15 @@ def measure_influence(
         size = np.abs(errors).max(axis=1)
         leverage, most = max(leverage, float(own.max())), max(most, float(size.max(initial=0.0)))
         strange = np.abs(deviations) > limit
-        odd[series].append(part.start + np.flatnonzero(strange))
+        odd.append(np.flatnonzero(strange))
         for i in np.flatnonzero(strange | (size > policy.ANY_MOVES)):
             k = int(np.argmax(np.abs(errors[i])))
             effect = Effect(
-                series, part.start + int(i), float(own[i]), float(deviations[i]),
+                series, int(i), float(own[i]), float(deviations[i]),
                 bool(strange[i]), k, float(errors[i, k]),
             )  # fmt: skip
             effects += [effect] if effect.deciding or effect.outlying else []
-    return Influence(leverage, most, effects, [np.concatenate(rows) for rows in odd], inverse)
+    return Influence(leverage, most, effects, odd, inverse)
 
 
 def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float) -> float:

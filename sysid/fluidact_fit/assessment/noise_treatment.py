@@ -8,7 +8,7 @@ which size of one more column, does the residual ask for? Theory: ``docs/theory/
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -156,7 +156,7 @@ class Whitened:
 
     def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
         """As of :class:`NoiseTreatment`."""
-        table = _with_columns(self.augmented, columns)
+        table = replace(self.augmented, columns=columns)
         if not table.finite:
             return None
         return np.asarray(np.linalg.qr(table.whitened, mode="r")), table.rows
@@ -190,9 +190,9 @@ class Instrumented:
         self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
     ) -> TermRegression | None:
         """As of :class:`NoiseTreatment`."""
-        table = _with_columns(self.augmented, columns)
+        table = replace(self.augmented, columns=columns)
         instead = instruments or [_mean_nearby(c) for c in columns]
-        exogenous = _with_columns(self.augmented, instead, self.instruments)
+        exogenous = replace(self.augmented, columns=instead, jacobians=self.instruments)
         if not table.finite or not exogenous.finite:
             return None
         rows = table.tables
@@ -210,15 +210,6 @@ class Instrumented:
         distinct = own >= policy.DIRECTION_LEFT * whole > 0.0
         degrees = max(design.shape[0] - design.shape[1], 1)
         return TermRegression(x[:-1], float(x[-1]), error, along, distinct, degrees)
-
-
-def _with_columns(
-    table: AugmentedJacobian,
-    columns: Sequence[FloatArray],
-    jacobians: Sequence[FloatArray] | None = None,
-) -> AugmentedJacobian:
-    known = table.jacobians if jacobians is None else jacobians
-    return AugmentedJacobian(known, columns, table.residuals, table.roles, table.free)
 
 
 def _mean_nearby(column: FloatArray) -> FloatArray:
