@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..experiment import Array, BoolArray, FloatArray
+from ..experiment import Array, FloatArray
 from .price import simulated
 from .whitening import Whitening
 
@@ -162,8 +162,6 @@ class StationaryPoint:
         unknowns projected out, one array ``(n_i, p + q)`` per experiment.
     local_counts
         Number of local unknowns per experiment.
-    active
-        For each of ``(eta, linear)`` whether it is at a bound.
     iterations, converged
         What the iteration did.
     """
@@ -176,7 +174,6 @@ class StationaryPoint:
     simulate: Callable[[], list[FloatArray]]
     jacobian: list[FloatArray]
     local_counts: tuple[int, ...]
-    active: BoolArray
     iterations: int
     converged: bool
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment import BoolArray, FloatArray
+from ..experiment import FloatArray
 from .elimination import Eliminated, Tangent
 from .least_squares import solve_normal
 from .minimise import minimise
@@ -64,14 +64,19 @@ def solve(
         j, r = tangent.normal()
         return j.T @ r, j.T @ j
 
-    low, high = bounds_of(problem.nonlinear)
     found = minimise(
-        lambda eta: Eliminated(problem, eta), slopes, start, (low, high), rows=problem.rows,
-        max_iterations=max_iterations, tolerance=tolerance, damping=damping, follow=problem.follow,
+        lambda eta: Eliminated(problem, eta), slopes, start, bounds_of(problem.nonlinear),
+        rows=problem.rows, max_iterations=max_iterations, tolerance=tolerance, damping=damping,
+        follow=problem.follow,
     )  # fmt: skip
-    at_end = tangent if tangent is not None and found.sloped else Tangent(found.point, scales)
-    on_bound = (found.x <= low) | (found.x >= high)
-    return _finish(found.point, at_end, on_bound, found.iterations, found.converged)
+    fit = found.point
+    at_end = tangent if tangent is not None and found.sloped else Tangent(fit, scales)
+    residuals, jacobian = zip(*(at_end.finish(fit, i) for i in range(len(fit.tables))), strict=True)
+    return StationaryPoint(
+        fit.eta, fit.linear, fit.local, fit.cost, list(residuals), fit.simulate, list(jacobian),
+        local_counts=tuple(t.own.shape[1] for t in fit.tables),
+        iterations=found.iterations, converged=found.converged,
+    )  # fmt: skip
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> StationaryPoint:
@@ -101,21 +106,6 @@ def score(problem: Problem, eta: FloatArray) -> Score:
     fit = Eliminated(problem, eta)
     j, r = Tangent(fit, np.array([u.scale for u in problem.nonlinear])).normal()
     return Score(j.T @ r, j.T @ j, fit.cost)
-
-
-def _finish(
-    fit: Eliminated, tangent: Tangent, on_bound: BoolArray, count: int, converged: bool
-) -> StationaryPoint:
-    found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
-    return StationaryPoint(
-        fit.eta, fit.linear, fit.local, fit.cost,
-        residuals=[residuals for residuals, _ in found],
-        simulate=fit.simulate,
-        jacobian=[jacobian for _, jacobian in found],
-        local_counts=tuple(t.own.shape[1] for t in fit.tables),
-        active=np.concatenate((on_bound, fit.linear_active)),
-        iterations=count, converged=converged,
-    )  # fmt: skip
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:

@@ -51,6 +51,7 @@ class NoiseModel:
         Derivatives of the output with what stands in for noisy inputs in their place, per run as
         the Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. The
         noise of such an input is in the residual and in every derivative alike, but not in these.
+        :func:`make_solution` fills them in.
     simulate_instruments
         What simulates with such stand-ins, as :attr:`Solution.simulate_near` does without.
     """
@@ -187,7 +188,6 @@ def make_solution(
     *,
     jacobians: Sequence[Mapping[str, FloatArray]] = (),
     simulate_near: Simulate | None = None,
-    simulate_instruments: Simulate | None = None,
     derived: Mapping[str, Quantity] | None = None,
     notices: Sequence[Notice] = (),
     covered: Mapping[str, tuple[float, float, str]] | None = None,
@@ -205,8 +205,6 @@ def make_solution(
         Derivatives of the channels of every run that the estimator has at hand, over all samples
         or over those used, shape ``(n, p)`` each [unit of the channel per unit of the value].
         Without them those of the output are differences of simulations.
-    simulate_instruments
-        Simulates with what stands in for noisy inputs in their place, for instruments.
     """
     near = simulate_near or simulate
     # all that follows is computed from the numbers that are written
@@ -224,13 +222,10 @@ def make_solution(
             runs = [replace(run, jacobians=j) for run, j in zip(runs, known) if j is not None]
         else:
             tables = differences(near, plant, runs, names, noise.covariance)
-            if simulate_instruments is not None:
-                instruments = differences(
-                    simulate_instruments, plant, runs, names, noise.covariance
-                )
-                noise = replace(
-                    noise, instruments=instruments, simulate_instruments=simulate_instruments
-                )
+            if noise.simulate_instruments is not None:
+                stand_in = noise.simulate_instruments
+                instruments = differences(stand_in, plant, runs, names, noise.covariance)
+                noise = replace(noise, instruments=instruments)
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
         variant, parameters, names, runs, noise, options, near, residuals_are_fitted, derived,

@@ -143,11 +143,11 @@ class SpringCylinder(Family[SpringOptions]):
             derived = solved.derive({"hysteresis_width": "N"}, lambda v: self.derived(v, options))
         settled = replace(options, spike=found.limit)
         noisy = input_noise(variant, runs) if found.instrumented else {}
-        noise = NoiseModel(matrix, solved.independent, noisy)
+        stand_in = _Nearby(runs, settled, True) if found.instrumented else None
+        noise = NoiseModel(matrix, solved.independent, noisy, simulate_instruments=stand_in)
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
-            simulate_instruments=_Nearby(runs, settled, True) if found.instrumented else None,
             notices=[*fit.notices, *_remarks(fit, runs, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
