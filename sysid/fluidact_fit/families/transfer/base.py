@@ -166,7 +166,8 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Output after unit states, shape ``(n, states)``."""
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
         model = self.transfer_model(plant.variant, [experiment], begin)
-        return model.responses(0, plant.numbers)[1]
+        local = model.columns(0, plant.numbers).local
+        return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
 
     def suppose(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float

@@ -11,12 +11,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...estimation.blocks import condensed
+from ...estimation.elimination import Eliminated
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
-from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_response, free_response, states_at_nodes
-from ...estimation.named_model import NamedModel, Values
+from ...estimation.named_model import NamedModel, Values, bind
 from ...estimation.problem import Basis, real_if_real
 from ...estimation.response_model import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
@@ -171,13 +170,10 @@ class TransferModel:
             states=states,
         )  # fmt: skip
 
-    def responses(self, index: int, values: Values) -> tuple[FloatArray, FloatArray]:
-        """Forced response and free responses without the offset of one run."""
-        basis = self.columns(index, values)
-        local = np.asarray(basis.local[:, :-1] if self.prepared[index].own else basis.local)
-        if self.gain is None:
-            return np.asarray(basis.known), local
-        return float(values[self.gain]) * basis.shared[:, 0], local
+    def response(self, index: int, values: Values) -> FloatArray:
+        """Response of one run to its input, shape ``(n,)`` [its unit]."""
+        b = self.columns(index, values)
+        return np.asarray(b.known if self.gain is None else values[self.gain] * b.shared[:, 0])
 
     def steady_level(self, index: int, values: Values) -> float:
         """Steady output at the level that the input of a run starts from; part of an offset.
@@ -236,48 +232,19 @@ def simulate_transfer(
     What answers to an input before the run is NaN. Runs without a recorded output start at
     rest, where the output is ``gain`` times the input's first value plus ``offset``.
     """
-    runs = range(len(model.prepared))
-    if not model.measured:
-        return [
-            Simulated(
-                model.responses(i, values)[0] + (model.steady_level(i, values) + (offset or 0.0)),
-                offset=offset or 0.0,
-            )
-            for i in runs
-        ]
-    owners = model.logs if model.begin.offset == "log" else list(runs)
-    none = model.begin.offset == "none"
-    out: dict[int, Simulated] = {}
-    for owner in dict.fromkeys(owners):
-        own = [i for i in runs if owners[i] == owner]
-        responses = [model.responses(i, values) for i in own]
-        tables = [
-            condensed([side_by_side(free, np.ones(known.size), model.measured[i] - known)])
-            for i, (known, free) in zip(own, responses, strict=True)
-        ]
-        found = _fit_offset(tables, none)
-        for i, (known, free), unknowns in zip(own, responses, found, strict=True):
-            unseen = np.full(model.prepared[i].unseen, np.nan)
-            output = np.append(unseen, known + free @ unknowns[:-1] + unknowns[-1])
-            level = None if none else float(unknowns[-1]) - model.steady_level(i, values)
-            out[i] = Simulated(output, offset=level)
-    return [out[i] for i in runs]
-
-
-def _fit_offset(runs: Sequence[FloatArray], none: bool) -> list[FloatArray]:
-    """Least squares of one constant for all runs, or ``none``, and free responses for each.
-
-    ``runs`` are tables of free responses, a constant and the rest; returned are the unknowns of
-    every run. The constant is found first, from what the free responses cannot explain.
-    """
-    if len(runs) == 1 and not none:
-        found = np.linalg.lstsq(runs[0][:, :-1], runs[0][:, -1], rcond=None)[0]
-        return [np.asarray(found, dtype=np.float64)]
-    left = [project_out(x[:, -2:], x[:, :-2]) for x in runs]
-    power = 0.0 if none else sum(float(p[:, 0] @ p[:, 0]) for p in left)
-    level = sum(float(p[:, 0] @ p[:, 1]) for p in left) / power if power > 0.0 else 0.0
     out = []
-    for x in runs:
-        free = np.linalg.lstsq(x[:, :-2], x[:, -1] - level * x[:, -2], rcond=None)[0]
-        out.append(np.append(free, level))
+    if not model.measured:
+        for i in range(len(model.prepared)):
+            level = model.steady_level(i, values) + (offset or 0.0)
+            out.append(Simulated(model.response(i, values) + level, offset=offset or 0.0))
+        return out
+    nonlinear = [n for n in values if n != model.gain]
+    fit = Eliminated(bind(model.named(nonlinear), {}, values), np.zeros(0))
+    for i, (p, simulated) in enumerate(zip(model.prepared, fit.simulate(), strict=True)):
+        output = np.concatenate((np.full(p.unseen, np.nan), simulated))
+        found = None
+        if p.own or p.log is not None:
+            found = fit.local[i][-1] if p.log is None else fit.linear[p.log]
+            found = float(found) - model.steady_level(i, values)
+        out.append(Simulated(output, offset=found))
     return out
