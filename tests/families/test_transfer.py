@@ -225,12 +225,13 @@ def test_an_edge_never_crossed_is_not_written_as_measured() -> None:
 
 @pytest.mark.parametrize("zero", [8.0, -5.0])
 def test_a_zero_of_the_load_cell_beyond_the_dead_zone_is_named(zero: float) -> None:
-    """Both edges are read on one side: a spring, or faster motion, was to be tried."""
+    """Both edges are read on one side: a spring, or faster motion, was to be tried first."""
     log = hydrostatic_log(4)
     log = log.with_readings("force", log["force"] + zero)
-    with pytest.raises(LogError, match="rests at forces of about") as raised:
+    with pytest.raises(NotIdentifiedError, match="rests at forces of about") as raised:
         fit("hydrostatic", [log])
     assert "zero of the load cell" in raised.value.what
+    assert "subtract it from the column" in str(raised.value.remedy)
 
 
 def test_no_motion_is_refused_with_the_remedy() -> None:
@@ -346,7 +347,6 @@ def test_what_answers_to_an_unrecorded_input_is_left_out() -> None:
 
 def test_mixed_up_columns_are_told(tmp_path) -> None:
     """Swapped columns, or one column twice, used to be told to sample faster."""
-    from fluidact_fit import LogError
     from fluidact_fit import fit as fit_files
 
     e = line_log(0)

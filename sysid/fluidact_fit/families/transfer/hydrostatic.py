@@ -18,7 +18,6 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -31,7 +30,7 @@ from ...estimation.response_model import Beginning, Plan, ResponseOptions, Respo
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
-from ...experiment import Experiment, Signal
+from ...experiment import Experiment
 from ...family import (
     Curve,
     ParameterSpec,
@@ -49,11 +48,11 @@ from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
 from ...specification import quotient_unit
 from .base import ASKED, TransferFamily
-from .dry_friction import EDGES, dry_friction
+from .dry_friction import dry_friction
 from .model import Free, TransferModel
 
 _RESTING = 0.03  # of the highest speed, below which the piston rests
-_ASIDE = 0.05  # of the largest force, by which that at rest may lie outside the dead zone
+_ASIDE = 0.05  # of the largest force, by which that at rest may differ from zero
 
 
 @dataclass(frozen=True)
@@ -193,38 +192,24 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         experiments: Sequence[Experiment],
         request: Request[HydrostaticOptions],
     ) -> Solution[HydrostaticOptions]:
-        """Fit, and look for a zero of the load cell beyond the edges; see :meth:`Family.estimate`.
+        """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`.
 
-        Within the dead zone the piston rests. Where it does so at forces that are not between the
-        edges that were found, or where none were, these forces are tried as the zero.
+        Within the dead zone the piston rests; forces at which it does so are about zero.
         """
         try:
-            found = super().estimate(variant, experiments, request)
-        except NotIdentifiedError:
-            self._refuse_other_zero(variant, experiments, request)
-            raise
-        self._refuse_other_zero(variant, experiments, request, found)
-        return found
-
-    def _refuse_other_zero(
-        self,
-        variant: Variant,
-        experiments: Sequence[Experiment],
-        request: Request[HydrostaticOptions],
-        found: Solution[HydrostaticOptions] | None = None,
-    ) -> None:
-        """Refuse forces with another zero (``LogError``) where a fit from there is the better."""
-        rest, reach = _force_at_rest(experiments)
-        low, high = _edges_of(found) if found else (0.0, 0.0)
-        within = low < 0.0 < high and low <= rest <= high  # with one edge found the other is zero
-        if within or abs(rest) <= _ASIDE * reach:
-            return
-        moved = [e.with_readings("force", e["force"] - rest) for e in experiments]
-        with suppress(NotIdentifiedError):
-            other = super().estimate(variant, moved, request)
-            low, high = (rest + edge for edge in _edges_of(other))
-            if low * high > 0.0 and (found is None or _misfit(other) < 0.5 * _misfit(found)):
-                raise _zero_is_off(experiments[0].signals["force"], rest, low, high)
+            return super().estimate(variant, experiments, request)
+        except NotIdentifiedError as error:
+            rest, largest = _force_at_rest(experiments)
+            if abs(rest) <= _ASIDE * largest:
+                raise
+            at_rest = experiments[0].signals["force"].text(rest, ".3g")
+            raise NotIdentifiedError(
+                f"the piston rests at forces of about {at_rest}: the zero of the load cell seems "
+                f"to be off, or a weight or a spring pulls, and {error.what}",
+                expected=error.expected,
+                remedy="Read the force while nothing acts, and subtract it from the column. "
+                f"Otherwise: {error.remedy}",
+            ) from error
 
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals."""
@@ -313,21 +298,6 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         }
 
 
-def _edges_of(found: Solution[HydrostaticOptions]) -> tuple[float, float]:
-    """Both edges of the dead zone [N]."""
-    return found.parameters[EDGES[0]].number, found.parameters[EDGES[1]].number
-
-
-def _misfit(found: Solution[HydrostaticOptions]) -> float:
-    """Sum of the squared residuals of the position [m^2]."""
-    return float(
-        sum(
-            np.nansum((r.experiment.sampled("position") - r.simulated.output) ** 2)
-            for r in found.runs
-        )
-    )
-
-
 def _force_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """Median of the forces at which the piston rests, and the largest force [N]."""
     forces = np.concatenate([e.sampled("force") for e in experiments])
@@ -336,16 +306,6 @@ def _force_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float]:
     )
     resting = forces[speeds < _RESTING * np.nanquantile(speeds, 0.98)]
     return float(np.median(resting)) if resting.size else 0.0, float(np.abs(forces).max())
-
-
-def _zero_is_off(force: Signal, rest: float, low: float, high: float) -> LogError:
-    return LogError(
-        f"the piston rests at forces of about {force.text(rest, '.3g')}: the zero of the load cell "
-        "is off, or a weight or a spring pulls.",
-        expected=f"Both edges of the dead zone would be on one side of zero, at "
-        f"{force.text(low, '.3g')} and {force.text(high, '.3g')}. Nothing was written.",
-        remedy="Read the force while nothing acts, and subtract it from the column.",
-    )
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
