@@ -53,10 +53,6 @@ _EQUATION = (
 )
 _SECOND = "second_time_constant"
 _PART = 0.1  # of the first time constant, that a second one is tried with
-_NEAR = 0.1  # sample times from a sample
-_FAST = 0.6  # sample times of a time constant below which samples show little of the response
-
-
 _SOUND_IN_AIR = 343.0  # at 20 °C [m/s]
 
 
@@ -187,27 +183,6 @@ class Line(TransferFamily[LineOptions]):
                 )
             )  # fmt: skip
         return found
-
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
-        """Other dead times within the sample interval, for a line that has answered at its end.
-
-        Only what is left of a step at the first sample after it, ``exp(-(t - dead_time) /
-        time_constant)``, then tells anything: one number for two unknowns.
-        """
-        lag, late = values["time_constant"], values["dead_time"]
-        if lag > _FAST * step or _SECOND in values:
-            return []
-        out = []
-        # a dead time that ends near a sample belongs to the intervals on both sides of it
-        for first in {np.floor(late / step - _NEAR), np.floor(late / step + _NEAR)}:
-            left = ((first + 1.0) * step - max(late, first * step)) / lag
-            if first < 0.0 or left < 1e-3:
-                continue
-            for part in (0.05, 0.25, 0.5, 0.75, 0.95):
-                rest = (1.0 - part) * step
-                dead_time = float((first + 1.0) * step - rest)
-                out.append({"time_constant": float(rest / left), "dead_time": dead_time})
-        return out
 
     derived_units: ClassVar[Mapping[str, str]] = {
         "bandwidth": "rad/s", "rise_time": "s", "wave_travel_time": "s",
