@@ -1,12 +1,11 @@
 """Rows that a logger lost: when they would have been recorded, and what a driving signal was then.
 
 A gap of about a whole number of sample times holds rows that were never written. Taking the
-last value before it shifts what a held signal does by part of a sample; a cubic spline across it
-misses a smooth one by what a few instants of break-away can show.
+last value before it shifts what a held signal does by part of a sample.
 
-The values are predicted from the samples on either side, by the polynomial through two, four, six
-or eight of them that predicts the intact samples best when as many are left out of those; this
-also shows how well it does.
+The values are those of the polynomial through two, four, six or eight samples about the gap,
+whichever predicts the intact samples best when as many are left out of those; how well it does is
+the error of the values.
 """
 
 from __future__ import annotations
@@ -17,13 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray, Signal
-from .inputs import settled_hold
 
 _LONGEST = 5.5  # sample times of a gap that is filled; beyond it nothing is known
 _OFF = 0.3  # sample times by which a gap may miss a whole number of them
 _FEWEST = 16  # samples that show how the signal moves
 _SIDES = (1, 2, 3, 4)  # samples on either side that a polynomial goes through
-_AROUND = 24  # places beside a gap that show how a smooth signal moves there
 
 
 @dataclass(frozen=True)
@@ -44,20 +41,21 @@ def find_lost_rows(signal: Signal) -> LostRows | None:
     t = signal.time
     if t.size < _FEWEST:
         return None
-    smooth = settled_hold(signal) == "smooth"
-    step = float(np.median(np.diff(t)))
-    count = np.diff(t) / step
+    count = np.diff(t) / float(np.median(np.diff(t)))
     whole = np.round(count)
     gaps = np.flatnonzero((whole > 1.0) & (count < _LONGEST) & (np.abs(count - whole) < _OFF))
     if not gaps.size:
         return None
-    parts = [
-        _predicted(signal, gaps[whole[gaps] == width], int(width), count, local=smooth)
-        for width in np.unique(whole[gaps])
-    ]
-    time, values, error = (np.concatenate(rows) for rows in zip(*parts))
+    parts = []
+    for width in np.unique(whole[gaps]):
+        of_width = gaps[whole[gaps] == width]
+        share = np.arange(1, int(width)) / width
+        values, error = _predicted(signal, of_width, count, share)
+        time = t[of_width, None] + share * (t[of_width + 1] - t[of_width])[:, None]
+        parts.append((time.ravel(), values.ravel(), np.full(time.size, error)))
+    time, values, errors = (np.concatenate(rows) for rows in zip(*parts))
     order = np.argsort(time, kind="stable")
-    return LostRows(time[order], values[order], error[order])
+    return LostRows(time[order], values[order], errors[order])
 
 
 def fill_lost_rows(signal: Signal) -> Signal:
@@ -72,61 +70,37 @@ def fill_lost_rows(signal: Signal) -> Signal:
 
 
 def _predicted(
-    signal: Signal, gaps: npt.NDArray[np.intp], width: int, count: FloatArray, *, local: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Instants, values and errors of the rows in gaps of one width, ``width - 1`` in each.
-
-    A command jumps anywhere: how well it is predicted is the root mean square over the whole
-    log. A smooth signal (``local``) goes on as it does around the gap.
-    """
+    signal: Signal, gaps: npt.NDArray[np.intp], count: FloatArray, share: FloatArray
+) -> tuple[FloatArray, float]:
+    """Values of the rows at some shares of gaps, ``(gaps, rows)``, and their standard deviation."""
     t, u = signal.time, signal.values
-    share = np.arange(1, width) / width
-    time = t[gaps, None] + share * (t[gaps + 1] - t[gaps])[:, None]
-    trials = [_left_out(u, count, width, side) for side in _SIDES]
-    sizes = [float(np.mean(missed**2)) if place.size else np.inf for place, missed in trials]
-    if min(sizes) == np.inf:  # no intact stretch is long enough
-        values = np.interp(time, t, u)
-        return time.ravel(), values.ravel(), np.full(time.size, float(np.std(u)))
-    best = int(np.argmin(sizes))
-    side, (place, missed) = _SIDES[best], trials[best]
+    missed = [_missed(u, count, share, side) for side in _SIDES]
+    side = _SIDES[int(np.argmin(missed))]
+    if missed[side - 1] == np.inf:  # no intact stretch is long enough: a straight line
+        side, missed[0] = 1, float(np.std(u))
     first = np.clip(gaps - side + 1, 0, t.size - 2 * side)
     at = first[:, None] + np.arange(2 * side)
     nodes = (t[at] - t[gaps, None]) / (t[gaps + 1] - t[gaps])[:, None]
-    values = np.sum(_weights(nodes, share) * u[at][:, None, :], axis=2)
-    if not local:
-        return time.ravel(), values.ravel(), np.full(time.size, np.sqrt(sizes[best]))
-    # other gaps and the ends of the log leave samples that are further off
-    further = _reach(nodes, share) / _reach(_evenly(side, width)[None, :], share)
-    error = _around(place, missed, gaps) * np.maximum(further, 1.0)
-    return time.ravel(), values.ravel(), error.ravel()
+    return np.sum(_weights(nodes, share) * u[at][:, None, :], axis=2), missed[side - 1]
 
 
-def _left_out(
-    u: FloatArray, count: FloatArray, width: int, side: int
-) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Errors of the prediction where ``width - 1`` intact samples are left out.
-
-    Returns the index of the sample before, ascending, shape ``(k,)``, and the misses,
-    shape ``(k, width - 1)``.
-    """
-    length = 2 * side + width - 1
-    if u.size < length:
-        return np.zeros(0, dtype=np.intp), np.zeros((0, width - 1))
+def _missed(u: FloatArray, count: FloatArray, share: FloatArray, side: int) -> float:
+    """Root mean square error where as many intact samples are left out; infinite without any."""
+    rows = share.size
+    length = 2 * side + rows
     odd = np.concatenate(([0], np.cumsum(np.abs(count - 1.0) >= _OFF)))
-    begin = np.flatnonzero(odd[length - 1 :] == odd[: odd.size - length + 1])
-    weights = _weights(_evenly(side, width)[None, :], np.arange(1, width) / width)[0]
-    missed = []
-    for k, own in enumerate(weights):
-        kernel = np.concatenate((own[:side], np.zeros(width - 1), own[side:]))
-        kernel[side + k] = -1.0
-        missed.append(np.correlate(u, kernel, "valid")[begin])
-    return begin + side - 1, np.stack(missed, axis=1)
-
-
-def _evenly(side: int, width: int) -> FloatArray:
-    """Instants of ``side`` samples before and after a gap, which itself goes from 0 to 1."""
-    before = np.arange(1 - side, 1)
-    return np.concatenate((before, before + side - 1 + width)) / width
+    begin = np.flatnonzero(odd[length - 1 :] == odd[: 1 - length])
+    if not begin.size:
+        return np.inf
+    inside = side + np.arange(rows)
+    outside = np.delete(np.arange(length, dtype=float), inside)
+    weights = np.zeros((rows, length))
+    weights[:, inside] = -np.eye(rows)
+    weights[:, outside.astype(int)] = _weights((outside[None] - side + 1.0) / (rows + 1.0), share)[
+        0
+    ]
+    errors = u[begin[:, None] + np.arange(length)] @ weights.T
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 def _weights(nodes: FloatArray, asked: FloatArray) -> FloatArray:
@@ -141,19 +115,3 @@ def _weights(nodes: FloatArray, asked: FloatArray) -> FloatArray:
                 share = (asked - nodes[:, j, None]) / (nodes[:, i] - nodes[:, j])[:, None]
                 out[:, :, i] *= share
     return out
-
-
-def _reach(nodes: FloatArray, asked: FloatArray) -> FloatArray:
-    """Error of a polynomial per unit of its first neglected derivative, shape ``(m, asked)``."""
-    distances = np.abs(asked[None, :, None] - nodes[:, None, :])
-    return np.asarray(np.prod(distances, axis=2))
-
-
-def _around(
-    place: npt.NDArray[np.intp], missed: FloatArray, gaps: npt.NDArray[np.intp]
-) -> FloatArray:
-    """Root mean square of the misses nearest to each gap, shape ``(gaps, width - 1)``."""
-    number = min(_AROUND, place.size)
-    total = np.cumsum(np.vstack((np.zeros((1, missed.shape[1])), missed**2)), axis=0)
-    first = np.clip(np.searchsorted(place, gaps) - number // 2, 0, place.size - number)
-    return np.sqrt((total[first + number] - total[first]) / number)
