@@ -180,7 +180,6 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         _check_dead_zone(request)
         if variant.name == STATIC:
             return self._estimate_points(variant, experiments, request)
-        _check_dead_time(experiments, request)
         plain = plan_motor(experiments, request, saturated=False)
         found, bend = fit_motor(
             ResponseTask.of(self, variant, experiments, request),
@@ -349,18 +348,6 @@ def _equation_of(equation: str, values: Mapping[str, float]) -> str:
         low, high = EDGES
         text = text.replace("- dead_zone,", f"- ({high} if w > 0 else -{low}),")
     return text
-
-
-def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOptions]) -> None:
-    """Refuse a dead time longer than the logs."""
-    longest = max(float(np.ptp(e.time)) for e in experiments)
-    given = request.fixed.get("dead_time", 0.0)
-    if given > longest:
-        raise UsageError(
-            f"--fix dead_time={given:g} is longer than the logs",
-            expected=f"Their longest takes {longest:g} s.",
-            remedy="Give the dead time in seconds.",
-        )
 
 
 def _check_dead_zone(request: Request[MotorOptions]) -> None:

@@ -124,7 +124,7 @@ def refused_beforehand(
 ) -> list[Refusal]:
     """Refusals of parameters that no sample depends on."""
     middle = middle_of_commands(experiments, request)
-    out = [*_one_way(experiments, middle), *_one_sided(experiments, request, middle)]
+    out = _one_way(experiments, middle)
     free = request.options.command_offset == "estimate" and OFFSET not in request.fixed
     if free and not _turns_both_ways(experiments):
         out.append(Refusal(
@@ -286,19 +286,6 @@ def _find_bend(
             found = {**fitted.values, **held, **values}
     rows = sum(y.size for y in model.measured)
     return found, rows * (fitted.solution.cost / best - 1.0)
-
-
-def _one_sided(
-    experiments: Sequence[Experiment], request: Request[MotorOptions], middle: float
-) -> list[Refusal]:
-    """Refuse an edge on a side to which the command never goes."""
-    low, high = command_range(experiments)
-    reach = {EDGES[0]: middle - low, EDGES[1]: high - middle}
-    return [
-        Refusal(n, f"the command never goes to the {n.removeprefix('dead_zone_')} side.")
-        for n in edge_names(request.options)
-        if reach.get(n, np.inf) <= 1e-3 * (high - low)
-    ]
 
 
 def _one_way(experiments: Sequence[Experiment], middle: float) -> list[Refusal]:

@@ -27,7 +27,6 @@ from ...errors import LogError, NotIdentifiedError
 from ...estimation.named_model import Values, bind
 from ...estimation.problem import Unknown
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
-from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
@@ -236,8 +235,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             )
         if options.dead_time == "estimate" or "dead_time" in given:
             searched.append(Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span))
-        refusals = [r for r in _edges_out_of_reach(low, high) if r.parameter not in given]
-        return Plan(searched, lag=lambda at: 3.0 * step, refusals=refusals)
+        return Plan(searched, lag=lambda at: 3.0 * step)
 
     def starts(
         self,
@@ -326,15 +324,3 @@ def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
             remedy="Record strokes with a force that moves the piston.",
         )
     return low, high, speed
-
-
-def _edges_out_of_reach(low: float, high: float) -> list[Refusal]:
-    """Edges on a side that the force, between ``low`` and ``high`` [N], never reaches."""
-    out = []
-    for side, reach, sign in (("negative", -low, -1.0), ("positive", high, 1.0)):
-        if reach <= 1e-3 * max(high, -low):
-            reason = (
-                f"the force stays between {low:.3g} and {high:.3g} N, never on the {side} side."
-            )
-            out.append(Refusal(f"dead_zone_{side}", reason, sign * max(reach, 0.0)))
-    return out
