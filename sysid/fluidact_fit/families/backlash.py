@@ -327,16 +327,15 @@ class Backlash(Family[BacklashOptions]):
                 idle={"play": size * max(map(_way_back, model.drives))},
             )  # fmt: skip
 
-        fitted, turns, unsure = fit(model), "row", np.zeros((1, 1))
+        fitted, turns = fit(model), "row"
         reaches = [reach_of(e) for e in experiments]
         if any(np.any(low != high) for low, high in reaches):  # the load tells how far it went
             farther = replace(model, reaches=reaches)
             other = fit(farther)
-            unsure = _undecided(fitted, other)
             if other.solution.cost < fitted.solution.cost:
                 model, fitted, turns = farther, other, "between"
         _refuse_lead(fitted, variant)
-        fitted = _allow_for_readings(model, fitted, unsure, experiments[0].signals["drive"])
+        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive"])
         units = experiments[0].units
         whole = _with_offset(fitted, model)
         parameters, order, matrix = whole.quantities(variant.parameters, units)
@@ -448,25 +447,11 @@ def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) ->
     return follow(e.sampled("drive"), v["ratio"], v["play"], load, reach)
 
 
-def _undecided(one: Fitted, other: Fitted) -> FloatArray:
-    """Covariance from not knowing which of two models is right, weighed by their likelihoods."""
-    if one.names != other.names:
-        return np.zeros((1, 1))
-    rows = sum(r.size for r in one.solution.residuals)
-    costs = sorted((one.solution.cost, other.solution.cost))
-    odds = (costs[0] / max(costs[1], 1e-300)) ** (0.5 * rows)
-    apart = np.array([one.values[n] - other.values[n] for n in one.names])
-    return np.asarray(odds / (1.0 + odds) ** 2 * np.outer(apart, apart))
-
-
-def _allow_for_readings(
-    model: PlayModel, fitted: Fitted, unsure: FloatArray, drive: Signal
-) -> Fitted:
+def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitted:
     """Add to the covariance what errors of the drive's readings do; warn where they shift the play.
 
     The readings are disturbed once more by as much as they are already, and the parameters explain
-    how the load moves then; ``unsure`` is the covariance by where the drive turned. Profiled
-    intervals are dropped where these errors count.
+    how the load moves then. Profiled intervals are dropped where these errors count.
     """
     if not fitted.names:
         return fitted
@@ -474,7 +459,7 @@ def _allow_for_readings(
     errors = [_reading_errors(x) for x in model.drives]
     changes = (np.concatenate(_disturbed(model, fitted, errors, rng)) for _ in range(_DRAWS))
     moved = np.array([np.linalg.lstsq(table, change, rcond=None)[0] for change in changes])
-    spread = np.atleast_2d(np.cov(moved.T)) + unsure
+    spread = np.atleast_2d(np.cov(moved.T))
     total = fitted.covariance + spread
     counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
     out = replace(fitted, covariance=total, intervals={} if counts else fitted.intervals)
