@@ -28,8 +28,6 @@ from .run_beginnings import (
     choose_beginning,
     cut_unrecorded,
     examine_offset,
-    output_power,
-    search_later,
     unrecorded_notice,
     unrecorded_time,
 )
@@ -46,7 +44,6 @@ _SMOOTH = 0.02  # of the squared residuals, up to which those of their changes s
 _ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
 _TOO_LONG = 0.5  # part of the time left out that is less than the fitted dead time needs
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
-_POOR = 0.05  # of the power of the output, left by a search that may have missed the place
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,6 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     # some rivals are the best one again, not quite settled
     optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
     places = [task.values(problem, eta) for eta in optima]
-    if search.best.cost > _POOR * output_power(few, task.output):
-        places += search_later(task, few, begin)
     begin, places = cut_unrecorded(task, few, begin, places)
     ends, part = places[:3], None
     if sum(e.samples for e in task.experiments) > _MANY:

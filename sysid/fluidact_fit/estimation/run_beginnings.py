@@ -28,7 +28,6 @@ _RESTING = 8  # first samples of an input that is taken to have been at rest bef
 _FEW_STEPS = 2.0  # sample times of a dead time that leaves no more than as many samples undescribed
 _AT_REST = 0.1  # of the usual change of an input from one sample to the next
 _LONG_ENOUGH = 1000  # samples that show what is usual
-_LATER = 0.25  # of the longest log, the start of which a search leaves out
 _EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without offset is sought
 
 
@@ -97,22 +96,6 @@ def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> Iterator[Notic
     )
 
 
-def search_later(
-    task: ResponseTask[T], few: Sequence[Experiment], begin: Beginning
-) -> list[dict[str, float]]:
-    """End of a search that leaves out what a long dead time cannot describe.
-
-    The samples within it would speak against the very dead time that they answer to.
-    """
-    late = "dead_time" in task.plan.names and "dead_time" not in task.held
-    if not late or begin.rest or task.request.options.unrecorded is not None:
-        return []
-    begin = replace(begin, unrecorded=_LATER * time_scales(few)[1])
-    problem = task.problem(few, begin)
-    found = task.search(problem, task.starts(few, begin))
-    return [task.values(problem, s.eta) for s in (found.best, *found.rivals)]
-
-
 def cut_unrecorded(
     task: ResponseTask[T],
     few: Sequence[Experiment],
@@ -127,7 +110,7 @@ def cut_unrecorded(
     if all(b == begin for b in begins):
         return begin, places
     rows = sum(e[task.output].size for e in few)
-    power = output_power(few, task.output) / rows
+    power = sum(e[task.output].size * float(np.var(e[task.output])) for e in few) / rows
     found = []
     for place, own in zip(places, begins):
         problem = task.problem(few, own)
@@ -183,11 +166,6 @@ def examine_offset(
     )
     return (other, {**fitted.values, **values}, [notice]) if switched else (
         begin, dict(fitted.values), [notice])  # fmt: skip
-
-
-def output_power(experiments: Sequence[Experiment], output: str) -> float:
-    """Sum of squares of the outputs about the mean of every run [square of the unit]."""
-    return float(sum(e[output].size * np.var(e[output]) for e in experiments))
 
 
 def _before_response(basis: Basis) -> npt.NDArray[np.bool_]:
