@@ -42,7 +42,6 @@ _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
 _SMOOTH = 0.02  # of the squared residuals, up to which those of their changes show no noise
 _ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
-_TOO_LONG = 0.5  # part of the time left out that is less than the fitted dead time needs
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
 
 
@@ -117,9 +116,8 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     ends, part = places[:3], None
     if sum(e.samples for e in task.experiments) > _MANY:
         part = task.named(excerpt(task.experiments, task.output, _MANY // 4), begin)
-        near = bind(part, task.unknowns, task.held)
-        best = solve_from(near, [near.vector(s) for s in ends], tolerance=1e-2).best
-        ends = [task.values(near, best.eta)]
+        problem = bind(part, task.unknowns, task.held)
+        ends = [task.values(problem, task.search(problem, ends).best.eta)]
     task.request.progress("fitting")
     fitted, model, begin = _fit(task, ends, part, begin, starts)
     chosen, values, said = examine_offset(task, fitted, model, begin)
@@ -127,7 +125,7 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
         fitted, model, begin = _fit(task, [values], part, chosen, starts)
     fitted = replace(fitted, notices=[*fitted.notices, *said, *unrecorded_notice(task, begin)])
     end, correct = _allow_for_input_noise(task, fitted, begin)
-    end = judge_rivals(task, end, fitted, model, places, part, correct)
+    end = judge_rivals(task, end, fitted, model, places, correct)
     tried = replace(end.search, tried=search.tried, agreeing=search.agreeing)
     return Response(replace(end, search=tried), model, begin, _limit(task, fitted, model))
 
@@ -183,10 +181,7 @@ def _fit(
             sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
         )  # fmt: skip
         needed = unrecorded_time(task, task.experiments, begin, fitted.values)
-        own = unrecorded_time(task, task.experiments, replace(begin, unrecorded=0.0), fitted.values)
-        if task.request.options.unrecorded is None and own < _TOO_LONG * begin.unrecorded:
-            needed = own  # a longer dead time was thought of: what it left out has to be described
-        elif needed <= begin.unrecorded:
+        if needed <= begin.unrecorded:
             break
         begin, ends = replace(begin, unrecorded=needed), [fitted.values]
     return fitted, model, begin

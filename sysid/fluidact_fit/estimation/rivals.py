@@ -10,34 +10,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..experiment import FloatArray
 from ..units import after_number
 from .named_model import NamedModel, bind
 from .parametric import Fitted, cost_units
-from .problem import Problem, StationaryPoint
 from .response_model import ResponseTask, T
 from .results import undetermined_error
-from .separable import evaluate, profile
-from .significance import CERTAIN, DECIDED, DECISIVE
+from .separable import profile
+from .significance import CERTAIN, DECISIVE
 from .starts import time_scales
-from .uncertainty import reach, t_quantile
+from .uncertainty import reach
 
 Correct = Callable[[Fitted], Fitted] | None
 
 _FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 _SIMILAR = 0.1  # of a value: two optima as near as that are one wide interval
-_BLOCKS = 30  # of consecutive samples, whose costs show how sure the difference of two fits is
 
 
 def judge_rivals(
     task: ResponseTask[T], end: Fitted, fitted: Fitted, model: NamedModel,
-    places: Sequence[Mapping[str, float]], part: NamedModel | None, correct: Correct,
+    places: Sequence[Mapping[str, float]], correct: Correct,
 ) -> Fitted:  # fmt: skip
     """Refuse what has two values, far apart, that the data cannot tell from each other.
 
-    Two that are near each other make one wide interval. ``places`` are where a rough search
-    ended. Those that are out of the question on ``part`` of long logs are not tried on the whole,
-    nor those that ``correct``, which allows for noise of an input, leads to the same end.
+    Two that are near each other make one wide interval, and those that ``correct``, which allows
+    for noise of an input, leads to the same end are one. ``places`` are where a rough search ended.
 
     Raises
     ------
@@ -52,13 +48,9 @@ def judge_rivals(
     errors = np.array([fitted.std_error(n) for n in names])
     points = [problem.vector({**p, **held}) for p in places]
     far = [eta for eta in points if np.any(np.abs(eta - best.eta) > CERTAIN * errors)]
-    if part is not None and far:
-        some = bind(part.scaled(fitted.factors), task.unknowns, held)
-        least, *others = profile(some, np.array([best.eta, *far]))
-        far = [eta for eta, cost in zip(far, others) if cost - least < DECIDED * unit]
     rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
     for eta, cost in [*rivals, *zip(far, profile(problem, np.array(far)))]:
-        if cost - best.cost >= DECISIVE * unit or _is_surely_worse(problem, eta, best):
+        if cost - best.cost >= DECISIVE * unit:
             continue
         change = eta - best.eta
         apart = [k for k in range(len(names)) if abs(change[k]) > CERTAIN * errors[k]]
@@ -91,24 +83,6 @@ def _refuse(
             f"least {max(2, int(np.ceil(fast / _FAST)))} times faster"
         )
     raise undetermined_error(spec, f"{reason}.")
-
-
-def _is_surely_worse(problem: Problem, eta: FloatArray, best: StationaryPoint) -> bool:
-    """Return whether the squares of the residuals at ``eta`` are larger all along the logs.
-
-    That tells two fits apart whatever the residuals are, noise or what both models lack, where
-    their costs alone would have to be compared with noise that is white [1]_.
-
-    References
-    ----------
-    .. [1] Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses",
-       Econometrica 57, 1989.
-    """
-    other = evaluate(problem, eta).residuals
-    worse = np.concatenate([np.square(a) - np.square(b) for a, b in zip(other, best.residuals)])
-    sums = np.array([float(x.sum()) for x in np.array_split(worse, _BLOCKS)])
-    error = float(sums.std(ddof=1)) / np.sqrt(_BLOCKS)
-    return bool(sums.mean() > t_quantile(0.999, _BLOCKS - 1) * error)
 
 
 def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
