@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import UsageError
 from ..experiment import FloatArray
 from ..routines import Filter, Name
 from ..routines.routine import as_matrix
 from .linear import transition
+
+_LONGEST = 10_000  # samples of dead time that a controller may be asked to store
 
 
 @dataclass(frozen=True)
@@ -67,3 +72,76 @@ def difference_equation(model: Sampled) -> Filter:
         "moved", as_matrix(change), tuple(model.new.tolist()), tuple(model.old.tolist()),
         tuple(model.output.tolist()), model.whole, Name("drive"),
     )  # fmt: skip
+
+
+def companion(
+    numerator: Sequence[float], denominator: Sequence[float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """State space ``(A, B, C)`` of a strictly proper transfer function, falling powers."""
+    den = np.asarray(denominator, dtype=float)
+    n = den.size - 1
+    num = np.zeros(n)
+    given = np.asarray(numerator, dtype=float) / den[0]
+    num[n - given.size :] = given
+    a = np.zeros((n, n))
+    a[:-1, 1:] = np.eye(n - 1)
+    a[-1] = -(den[1:] / den[0])[::-1]
+    b = np.zeros(n)
+    b[-1] = 1.0
+    return a, b, num[::-1].copy()
+
+
+def discretise(
+    numerator: Sequence[float],
+    denominator: Sequence[float],
+    sample_time: float,
+    dead_time: float,
+) -> dict[str, Any]:
+    """Difference equation of ``exp(-dead_time s) numerator(s)/denominator(s)``.
+
+    Exact for an input that is held, with a dead time of any fraction of a sample: the numerator
+    is the pulse response of :func:`sample` times the denominator.
+
+    Parameters
+    ----------
+    numerator, denominator
+        Falling powers of ``s``; strictly proper.
+    sample_time
+        [s]
+    dead_time
+        [s]
+
+    Returns
+    -------
+    dict
+        ``sample_time``, ``hold``, ``numerator`` and ``denominator`` of equal length, in
+        rising powers of ``1/z`` (which for equal lengths are falling powers of ``z``).
+
+    Raises
+    ------
+    UsageError
+        When the dead time spans more samples than a controller can store.
+    """
+    if dead_time > _LONGEST * sample_time:
+        raise UsageError(
+            f"a dead time of {dead_time:g} s is more than {_LONGEST} samples of {sample_time:g} s",
+            expected="A difference equation stores every sample of its dead time.",
+            remedy="Correct the dead time, or give a longer --controller-sample-time.",
+        )
+    model = sample(*companion(numerator, denominator), dead_time, sample_time)
+    den = np.real(np.poly(model.phi))
+    state = model.new
+    response = [0.0] * (model.whole + 1)
+    for k in range(den.size + 1):
+        response.append(float(model.output @ state))
+        state = model.phi @ state + (model.old if k == 0 else 0.0)
+    num = np.convolve(den, response)[: len(response)]
+    num[np.abs(num) < 1e-13 * np.abs(num).max()] = 0.0
+    num = np.trim_zeros(num, "b")
+    length = max(num.size, den.size)
+    return {
+        "sample_time": float(sample_time),
+        "hold": "zoh",
+        "numerator": np.append(num, np.zeros(length - num.size)).tolist(),
+        "denominator": np.append(den, np.zeros(length - den.size)).tolist(),
+    }

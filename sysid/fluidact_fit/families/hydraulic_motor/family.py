@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, UsageError
-from ...estimation.discrete import discretise
 from ...estimation.named_model import NamedModel, Values, check_form, check_request
 from ...estimation.noise import white_noise
 from ...estimation.parametric import Fitted
 from ...estimation.response_model import Beginning, Plan, ResponseModel, ResponseTask
 from ...estimation.robust_weights import fit_robustly
+from ...estimation.sampled import discretise
 from ...estimation.unmodelled_effects import output_offset, soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (

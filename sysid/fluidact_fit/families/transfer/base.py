@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.parametric import Fitted
@@ -26,6 +25,7 @@ from ...estimation.response_model import (
     ResponseOptions,
     ResponseTask,
 )
+from ...estimation.sampled import discretise
 from ...estimation.unmodelled_effects import initial_states, output_offset, soft_edges
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (

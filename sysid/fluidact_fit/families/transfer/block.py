@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from ...block import LinearBlock, LinearModel, SampleSimulator
 from ...errors import UsageError
-from ...estimation.discrete import companion, discretise
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.sampled import difference_equation, sample
+from ...estimation.sampled import companion, difference_equation, discretise, sample
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
