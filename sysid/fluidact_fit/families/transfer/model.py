@@ -159,7 +159,7 @@ class TransferModel:
         if self.dead_zone:
             names = ("dead_zone_negative", "dead_zone_positive")
             edges = real_if_real(np.array([values[n] for n in names]))
-            u = self._remember(("shape", index), [edges], lambda: apply_dead_zone(p.u, *edges))
+            u = apply_dead_zone(p.u, *edges)
             states = states_at_nodes(a, b, u, p.nodes)
         else:  # dead times differ in the output equation alone
             states = self._remember(
