@@ -51,7 +51,7 @@ from .dry_friction import dry_friction
 from .model import Free, TransferModel
 
 _RESTING = 0.03  # of the highest speed, below which the piston rests
-_ASIDE = 0.05  # of the largest force, by which that at rest may differ from zero
+_ASIDE = 0.05  # of the largest force, by which all those at rest may be on one side of zero
 
 
 @dataclass(frozen=True)
@@ -193,18 +193,20 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     ) -> Solution[HydrostaticOptions]:
         """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`.
 
-        Within the dead zone the piston rests; forces at which it does so are about zero.
+        Within the dead zone the piston rests, and the force passes zero: where it rests at forces
+        of one sign alone, zero is not within the dead zone.
         """
         try:
             return super().estimate(variant, experiments, request)
         except NotIdentifiedError as error:
-            rest, largest = _force_at_rest(experiments)
-            if abs(rest) <= _ASIDE * largest:
+            low, high, largest = _forces_at_rest(experiments)
+            if max(low, -high) <= _ASIDE * largest:
                 raise
-            at_rest = experiments[0].signals["force"].text(rest, ".3g")
+            force = experiments[0].signals["force"]
             raise NotIdentifiedError(
-                f"the piston rests at forces of about {at_rest}: the zero of the load cell seems "
-                f"to be off, or a weight or a spring pulls, and {error.what}",
+                f"the piston rests at forces of {force.text(low, '.3g')} to "
+                f"{force.text(high, '.3g')} alone: the zero of the load cell seems to be off, or "
+                f"a weight or a spring pulls, and {error.what}",
                 expected=error.expected,
                 remedy="Read the force while nothing acts, and subtract it from the column. "
                 f"Otherwise: {error.remedy}",
@@ -296,14 +298,15 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         }
 
 
-def _force_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float]:
-    """Median of the forces at which the piston rests, and the largest force [N]."""
+def _forces_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
+    """Lowest and highest force at which the piston rests, but for 2 %, and the largest of all."""
     forces = np.concatenate([e.sampled("force") for e in experiments])
     speeds = np.abs(
         np.concatenate([np.gradient(e.sampled("position"), e.time) for e in experiments])
     )
     resting = forces[speeds < _RESTING * np.nanquantile(speeds, 0.98)]
-    return float(np.median(resting)) if resting.size else 0.0, float(np.abs(forces).max())
+    low, high = np.quantile(resting, (0.02, 0.98)) if resting.size else (0.0, 0.0)
+    return float(low), float(high), float(np.abs(forces).max())
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
