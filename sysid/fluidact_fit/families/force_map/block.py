@@ -16,7 +16,7 @@ from ...errors import UsageError
 from ...experiment import Experiment, FloatArray
 from ...family import Curve
 from ...parameters.document import ParameterDocument
-from ...routines import Argument, Routine
+from ...routines import Argument, Draft, Expression, Routine, choose
 from ...specification import Variant
 from .data import held_state
 from .equation import NetworkMap, predict_runs
@@ -73,18 +73,20 @@ class ForceMapBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """The map itself; its scalings are part of the first and the last layer."""
-        from .routines import map_routine
-
         low, high = (np.asarray(self.parameters[f"input_{k}"]) for k in ("low", "high"))
         unit = self.variant.output.unit if self.target == "force" else self._unit(self.target)
-        arguments = []
+        draft = Draft("map", f"{self.target.capitalize()} for the inputs.", unit)
+        inputs: list[Expression] = []
         for name, a, b in zip(self.inputs, low.tolist(), high.tolist()):
             if name == "direction":
                 about = "1 loading (or 0), -1 unloading"
-                arguments.append(Argument(name, "1", about, -1.0, 1.0))
+                state = draft.argument(Argument(name, "1", about, -1.0, 1.0))
+                # one of two: what lies between is for whoever does not know it
+                inputs.append(choose(state, "<", 0.0, -1.0, 1.0))
             else:
-                arguments.append(Argument(name, self._unit(name), "input of the network", a, b))
-        return (map_routine(self._map, arguments, (self.target, unit)),)
+                about = "input of the network"
+                inputs.append(draft.argument(Argument(name, self._unit(name), about, a, b)))
+        return (draft.returns(self._map.draw(draft, inputs)),)
 
     def _unit(self, role: str) -> str:
         known = self.validity.get(role)

@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.network import Network
-from ...experiment import BoolArray, FloatArray
+from ...experiment import FloatArray
 from .data import Data, state_column
 from .equation import NetworkMap
 
@@ -44,73 +44,53 @@ class Region:
 def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[Region]:
     """All regions of a ReLU network of one hidden layer that meet a box.
 
-    The box is cut by one unit after the other. Each region carries a point inside; the
-    side that holds it is known to be there, the other one is asked for by a linear
-    program (largest ball). An input with ``low == high`` is held.
+    The box is cut by one unit after the other, and each region carries a point inside.
 
     Parameters
     ----------
     low, high : (inputs,)
-        Corners of the box, standardised.
+        Corners of the box, standardised. An input with ``low == high`` is held.
     """
     if net.activation != "relu" or len(net.weights) != 2:
         raise ValueError("regions can be enumerated for one hidden layer of ReLU units only")
     free = high > low
-    span = np.where(free, high - low, 1.0)
-    w = net.weights[0][:, free] * span[free]
-    b = net.biases[0] + net.weights[0] @ low
-    size = np.linalg.norm(w, axis=1)
-    flat = size <= 1e-12
-    w, b = w / np.where(flat, 1.0, size)[:, None], b / np.where(flat, 1.0, size)
-    found: list[tuple[tuple[bool, ...], FloatArray]] = [((), np.full(int(free.sum()), 0.5))]
-    for k in range(b.size):
+    span = (high - low)[free]
+    w, b = net.weights[0][:, free] * span, net.biases[0] + net.weights[0] @ low
+    found: list[tuple[tuple[bool, ...], FloatArray]] = [((), np.full(span.size, 0.5))]
+    for k in range(1, b.size + 1):
         found = [
-            ((*pattern, side), point)
-            for pattern, old in found
-            for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
+            ((*pattern, side), inside)
+            for pattern, point in found
+            for side in (False, True)
+            if (inside := _point_inside(w[:k], b[:k], (*pattern, side), point)) is not None
         ]
     out = []
     for pattern, point in found:
         inside = low.copy()
-        inside[free] += point * span[free]
+        inside[free] += point * span
         gradient = (net.weights[1][0] * np.array(pattern, dtype=float)) @ net.weights[0]
         out.append(Region(pattern, inside, gradient))
     return out
 
 
-def _sides(
-    w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], point: FloatArray
-) -> list[tuple[bool, FloatArray]]:
-    """Sides of the last unit's hyperplane that a region reaches, with a point each."""
-    if np.minimum(w[-1], 0.0).sum() + b[-1] >= -_NARROWEST:
-        return [(True, point)]
-    if np.maximum(w[-1], 0.0).sum() + b[-1] <= _NARROWEST:
-        return [(False, point)]
-    here, out = float(w[-1] @ point + b[-1]), []
-    for side, known in ((False, here < -_NARROWEST), (True, here > _NARROWEST)):
-        inside = point if known else _largest_ball(w, b, np.array([*pattern, side]))
-        if inside is not None:
-            out.append((side, inside))
-    return out
+def _point_inside(
+    w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], known: FloatArray
+) -> FloatArray | None:
+    """Point of the unit box where the sums ``w x + b`` have the signs of a pattern.
 
-
-def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray | None:
-    """Centre of the largest ball in a region of the unit box, ``None`` when it is empty."""
+    It is the ``known`` one, if that does, or the one furthest from where a sum changes its sign;
+    ``None`` where there is none.
+    """
     from scipy.optimize import linprog
 
-    sign = np.where(sides, 1.0, -1.0)
-    size = np.linalg.norm(w, axis=1)
-    d = w.shape[1]
-    # sign (w x + b) >= r |w|, and r <= x <= 1 - r
-    rows = np.vstack(
-        (np.column_stack((-sign[:, None] * w, size)),
-         np.column_stack((-np.eye(d), np.ones(d))),
-         np.column_stack((np.eye(d), np.ones(d))))
-    )  # fmt: skip
-    right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
-    answer = linprog(np.append(np.zeros(d), -1.0), rows, right, bounds=(None, None))
-    found = answer.status == 0 and answer.x is not None and answer.x[-1] > _NARROWEST
-    return np.asarray(answer.x[:-1]) if found else None
+    sign, size = np.where(pattern, 1.0, -1.0), np.linalg.norm(w, axis=1)
+    if np.all(sign * (w @ known + b) > _NARROWEST * size):
+        return known
+    # the largest r with sign (w x + b) >= r |w|
+    rows = np.column_stack((-sign[:, None] * w, size))
+    target = np.append(np.zeros(known.size), -1.0)
+    answer = linprog(target, rows, sign * b, bounds=[(0.0, 1.0)] * known.size + [(None, 1.0)])
+    return np.asarray(answer.x[:-1]) if answer.status == 0 and answer.x[-1] > _NARROWEST else None
 
 
 @dataclass(frozen=True)

@@ -212,32 +212,3 @@ def data_notices(data: Data) -> list[Notice]:
         for name, unit, column in zip(data.names, data.units, x.T)
         if np.ptp(column) == 0.0
     ]
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """From SI to order one: ``z = (x - offset) / scale``, the output alike."""
-
-    offset: FloatArray
-    scale: FloatArray
-    base: float
-    span: float
-
-    @classmethod
-    def of(cls, data: Data) -> Scaling:
-        """Scaling that gives the used samples zero mean and unit deviation."""
-        x, y = data.x[data.used], data.y[data.used]
-        offset, scale = x.mean(axis=0), x.std(axis=0)
-        state = state_column(data.names)
-        if state is not None:  # 1 and -1 are of order one, and stay readable
-            offset[state], scale[state] = 0.0, 1.0
-        scale = np.where(scale > 1e-12 * np.maximum(np.abs(offset), 1e-300), scale, 1.0)
-        return cls(offset, scale, float(y.mean()), float(y.std()))
-
-    def inputs(self, x: FloatArray) -> FloatArray:
-        """Inputs in SI as standardised ones."""
-        return np.asarray((x - self.offset) / self.scale)
-
-    def output(self, y: FloatArray) -> FloatArray:
-        """Outputs in SI as standardised ones."""
-        return np.asarray((y - self.base) / self.span)

@@ -13,18 +13,16 @@ from ...errors import UsageError
 from ...estimation.map import lone_samples
 from ...estimation.motion_state import fill_start
 from ...estimation.network import Activation, Network
+from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import Experiment, FloatArray
 from ...family import Simulated, Value
-from .data import Scaling, branch_of, column_of, input_table, is_known, state_column
+from .data import branch_of, column_of, input_table, is_known, state_column
 from .options import ForceMapOptions, default_inputs
 
 
 @dataclass(frozen=True)
-class NetworkMap:
-    """``y = base + span * network((x - offset) / scale)``, all in SI but for the network."""
-
-    network: Network
-    scaling: Scaling
+class NetworkMap(ScaledNetwork):
+    """The network of a file, with its motion state."""
 
     @classmethod
     def of(cls, values: Mapping[str, Value], activation: Activation = "relu") -> Self:
@@ -72,13 +70,8 @@ class NetworkMap:
         if w[-1].shape[0] != 1:
             raise UsageError(f"the last layer has {w[-1].shape[0]} outputs instead of one")
 
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Output for inputs in the file's order, shape ``(n, inputs)`` [SI]."""
-        s = self.scaling
-        return np.asarray(s.base + s.span * self.network(s.inputs(x)))
-
     def predict(self, x: FloatArray, names: Sequence[str]) -> FloatArray:
-        """The same, between both branches where the motion state is not known (0)."""
+        """Output [SI], between both branches where the motion state is not known (0)."""
         y, state = self(x), state_column(names)
         if state is not None and (rest := x[:, state] == 0.0).any():
             ends = [np.where(np.arange(x.shape[1]) == state, s, x[rest]) for s in (1.0, -1.0)]

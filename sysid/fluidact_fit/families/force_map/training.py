@@ -21,10 +21,11 @@ from ...estimation.map import (
 from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
 from ...estimation.noise import noise_floor
 from ...estimation.robust_weights import SPIKE
+from ...estimation.scaled_network import Scaling
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
-from .data import Data, Scaling, check_data, gather, is_known, settle_dead_bands
+from .data import Data, check_data, gather, is_known, settle_dead_bands
 from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
 
@@ -66,9 +67,9 @@ class Rows:
         """Gather, check, standardise and split the used rows."""
         data = gather(experiments, names, request.options)
         check_data(data, request.options)
-        s = Scaling.of(data)
-        x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
-        return cls(data, s, x, y, *_split(data, request.seed), _length_column(data), request)
+        x, y = data.x[data.used], data.y[data.used]
+        s, split = Scaling.of(x, y), _split(data, request.seed)
+        return cls(data, s, s.inputs(x), s.output(y), *split, _length_column(data), request)
 
     def chords(self, x: FloatArray) -> Chords | None:
         """Chords along the length, for some of the rows: an odd one of few would bend the map."""

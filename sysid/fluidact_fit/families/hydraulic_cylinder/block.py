@@ -12,13 +12,14 @@ import numpy.typing as npt
 
 from ...block import FlowBlock
 from ...errors import UsageError
+from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, FloatArray
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from ...routines import Argument, Routine
 from ...specification import scalars
 from .case import read_machine
-from .networks import NETWORKS, Network, network_of
+from .networks import NETWORKS, network_of
 from .options import HydraulicCylinderOptions
 from .routines import CylinderRoutines, feeding_chamber
 from .simulation import simulate_run
@@ -57,7 +58,7 @@ class HydraulicBlock(FlowBlock):
             )
         return self._values(f"valve_gain_{chamber}", *LOSSES[chamber], *EDGES)
 
-    def _network(self, name: str, option: str) -> Network:
+    def _network(self, name: str, option: str) -> ScaledNetwork:
         net = network_of(self.parameters, name)
         if net is None:
             raise UsageError(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...errors import LogError
 from ...estimation.named_model import Values
+from ...estimation.network import Network, Training, search
+from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import BoolArray, FloatArray
 from ...family import Curve, PhysicsView, Quantity, Value, scalars
 from ...mechanics.friction_law import FrictionLaw
@@ -17,58 +19,38 @@ from .case import Case
 from .windows import Windows
 
 NETWORKS = ("flow_1", "flow_2", "friction")
+LAYERS = (
+    "weights_1", "biases_1", "weights_2", "biases_2",
+    "input_offset", "input_scale", "output_offset", "output_scale",
+)  # fmt: skip
 _FEW = 5  # windows that a comparison needs
 _HIDDEN = {"flow": 10, "friction": 6}  # units of the networks
 _WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
 
 
-class Network(NamedTuple):
-    """One hidden layer of rectified linear units with its standardisation.
-
-    ``y = output_offset + output_scale (weights_2 max(weights_1 x + biases_1, 0) + biases_2)``
-    with ``x = (input - input_offset) / input_scale``. Shapes are ``(hidden, inputs)``,
-    ``(hidden,)``, ``(1, hidden)`` and ``(1,)`` of the layers, ``(inputs,)`` and ``(1,)`` of
-    offsets and scales, which have the units of inputs and output.
-    """
-
-    weights_1: FloatArray
-    biases_1: FloatArray
-    weights_2: FloatArray
-    biases_2: FloatArray
-    input_offset: FloatArray
-    input_scale: FloatArray
-    output_offset: FloatArray
-    output_scale: FloatArray
-
-    def __call__(self, inputs: FloatArray) -> FloatArray:
-        """Outputs ``(n,)`` for inputs ``(n, inputs)``, all in their own units."""
-        x = (inputs - self.input_offset) / self.input_scale
-        layer = np.maximum(x @ self.weights_1.T + self.biases_1, 0.0)
-        y = layer @ self.weights_2[0] + self.biases_2[0]
-        return np.asarray(self.output_offset[0] + self.output_scale[0] * y)
-
-
-LAYERS = Network._fields
-
-
-def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
+def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> ScaledNetwork:
     """Train on inputs ``(n, inputs)`` and a target ``(n,)`` in any units; see :func:`search`."""
-    from ...estimation.network import Training, search
-
-    centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
-    middle, size = target.mean(keepdims=True), np.maximum(target.std(keepdims=True), 1e-300)
+    scaling = Scaling.of(inputs, target)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
-    x, y = (inputs - centre) / spread, (target - middle) / size
-    net = search(x, y, Training((hidden,), starts=8), rng).best.network
-    (w1, w2), (b1, b2) = net.weights, net.biases
-    return Network(w1, b1, w2, b2, centre, spread, middle, size)
+    x, y = scaling.inputs(inputs), scaling.output(target)
+    return ScaledNetwork(search(x, y, Training((hidden,), starts=8), rng).best.network, scaling)
 
 
-def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
+def _layers_of(net: ScaledNetwork) -> list[FloatArray]:
+    """Numbers of a network as they stand in the file, in the order of :data:`LAYERS`."""
+    (w1, w2), (b1, b2), s = net.network.weights, net.network.biases, net.scaling
+    return [w1, b1, w2, b2, s.offset, s.scale, np.array([s.base]), np.array([s.span])]
+
+
+def network_of(parameters: Mapping[str, Any], name: str) -> ScaledNetwork | None:
     """Read a network back from the parameters of a file; ``None`` when there is none."""
     if f"{name}_weights_1" not in parameters:
         return None
-    return Network(*(np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in LAYERS))
+    w1, b1, w2, b2, offset, scale, base, span = (
+        np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in LAYERS
+    )
+    scaling = Scaling(offset, scale, float(base[0]), float(span[0]))
+    return ScaledNetwork(Network((w1, w2), (b1, b2)), scaling)
 
 
 def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[str, Any]]:
@@ -77,7 +59,7 @@ def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[
     Returned are the layers, their standardisation in SI units, and the comparisons as rows of
     tables by title, for the file and the report.
     """
-    nets: dict[str, Network] = {}
+    nets: dict[str, ScaledNetwork] = {}
     tables: dict[str, list[dict[str, Any]]] = {}
     if case.options.flow == "mlp":
         windows, table = _quiet_windows(case), []
@@ -92,7 +74,7 @@ def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[
     layers = {
         f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
         for name, net in nets.items()
-        for layer, numbers in net._asdict().items()
+        for layer, numbers in zip(LAYERS, _layers_of(net))
     }
     return layers, {title: table for title, table in tables.items() if table}
 
@@ -127,7 +109,7 @@ def _near_zero(windows: Sequence[Windows], values: Values) -> float:
 
 def _flow_network(
     case: Case, windows: Sequence[Windows], values: Values
-) -> tuple[Network, list[dict[str, Any]]]:
+) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
     """Network of one chamber's flow from command and pressure, beside the equations.
 
     Rows near zero command are repeated until they are half of all. Their flows are small:
@@ -155,7 +137,7 @@ def _flow_rows(windows: Sequence[Windows], values: Values) -> tuple[FloatArray, 
     return np.concatenate(inputs), np.concatenate([w.motion - w.swelling / beta for w in windows])
 
 
-def _friction_network(case: Case, values: Values) -> tuple[Network, list[dict[str, Any]]]:
+def _friction_network(case: Case, values: Values) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
     """Network of the friction over speed, beside Coulomb and viscous friction."""
     speed, force = case.friction.speed, case.friction.force
     if speed.size < 40:

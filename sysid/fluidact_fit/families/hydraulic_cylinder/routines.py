@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...estimation.scaled_network import ScaledNetwork
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import LOSSES, Machine, chamber_flow
 from ...routines import (
@@ -25,7 +26,6 @@ from ...routines import (
     minimum,
     sqrt,
 )
-from .networks import Network
 
 _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed
 
@@ -48,7 +48,7 @@ class CylinderRoutines:
     values: Mapping[int, Mapping[str, float]]
     known: Mapping[str, Argument]
     law: FrictionLaw
-    networks: Mapping[str, Network]
+    networks: Mapping[str, ScaledNetwork]
 
     def all(self) -> Sequence[Routine]:
         """Return every routine that the file has the numbers for."""
@@ -152,18 +152,11 @@ class CylinderRoutines:
         )
         return draft.returns(self.law.routine_value(v))
 
-    def _network(self, name: str, net: Network) -> Routine:
+    def _network(self, name: str, net: ScaledNetwork) -> Routine:
         about = f"{name.replace('_', ' ').capitalize()} by the network of the file."
         draft = Draft(f"{name}_network", about, "N" if name == "friction" else "m3/s")
         if name == "friction":
             of: Sequence[Argument] = self._friction().arguments
         else:
             of = self.known["command"], self.known[f"pressure_{name.removeprefix('flow_')}"]
-        first = net.weights_1 / net.input_scale
-        shifted = net.biases_1 - first @ net.input_offset
-        layer = draft.layer("layer_1", first, shifted, [draft.argument(a) for a in of], "relu")
-        last = draft.layer(
-            "layer_2", net.output_scale * net.weights_2,
-            net.output_offset + net.output_scale * net.biases_2, layer, "linear",
-        )  # fmt: skip
-        return draft.returns(last[0])
+        return draft.returns(net.draw(draft, [draft.argument(a) for a in of]))
