@@ -21,8 +21,8 @@ from fluidact_fit.export.golden import golden
 from fluidact_fit.export.mutants import mutants_of
 from fluidact_fit.export.rounding import difference, error_of, inward, single
 from fluidact_fit.export.target import Code, Job
+from fluidact_fit.families.potentiometer.block import routines_of as potentiometer_routines
 from fluidact_fit.families.potentiometer.calibration import Calibration
-from fluidact_fit.families.potentiometer.routines import routines_of as potentiometer_routines
 from fluidact_fit.parameters.draws import with_values
 from fluidact_fit.routines import (
     Draft,

@@ -19,12 +19,10 @@ from ..options import FamilyOptions
 from ..specification import ParameterSpec, Quantity, Request, Simulate, Variant
 from .map import (
     AT_ODDS,
-    DirectionEffect,
     MapFit,
     MapRows,
     Misfit,
     excess_tail,
-    find_direction_effect,
     find_misfit,
     find_uncertainty,
     fit_map,
@@ -139,11 +137,6 @@ class NamedFit:
     def residual(self) -> FloatArray:
         """Residual of the map, shape ``(n,)``."""
         return self.data.y - self.fit.model.value(self.fit.theta, self.data.x)
-
-    def direction_effect(self, rising: FloatArray) -> DirectionEffect:
-        """Difference between rising and falling inputs; ``rising`` is 0 to 1, shape ``(n,)``."""
-        parts = (self.data.by_log(v) for v in (self.jacobian, self.residual, rising))
-        return find_direction_effect(*parts)
 
     def solution(
         self,

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from ..block import Block
 from ..errors import LogError, Notice, NotIdentifiedError
-from ..estimation.map import count_ways
+from ..estimation.map import count_ways, find_direction_effect
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -381,7 +381,8 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
             "the map holds for this direction. Ramp the command up and down.",
         )
     elif fewer >= 10:
-        effect = found.direction_effect(rising)
+        parts = (data.by_log(x) for x in (found.jacobian, found.residual, rising))
+        effect = find_direction_effect(*parts)
         if effect.matters(2e-3 * span):
             yield Notice(
                 "directions-differ",
