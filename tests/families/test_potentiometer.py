@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fluidact_fit as ff
-from fluidact_fit import rows
 from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.map import MapRows, fit_map
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
@@ -670,15 +669,17 @@ def to_and_fro(decimals: int, lost: bool) -> Experiment:
     return experiment(reading, reference, 0.01)
 
 
-def test_a_reading_in_blocks_moves_the_share_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reading_that_is_missing_leaves_the_share_where_it_was() -> None:
     rng = np.random.default_rng(4)
     reading = np.cumsum(rng.standard_normal(500))
-    reading[[0, 1, 99, 100, 101, 300, 499]] = np.nan
-    whole = rising_share(reading, 3.0, -0.5)
-    monkeypatch.setattr(rows, "BLOCK_ROWS", 50)
-    np.testing.assert_allclose(rising_share(reading, 3.0, -0.5), whole, atol=1e-13)
-    assert whole.min() == 0.0
-    assert whole.max() == 1.0
+    missing = np.isin(np.arange(500), [0, 1, 99, 100, 101, 300, 499])
+    share = rising_share(np.where(missing, np.nan, reading), 3.0, -0.5)
+    without = rising_share(reading[~missing], 3.0, -0.5)
+    np.testing.assert_allclose(share[~missing], without, atol=1e-13)
+    np.testing.assert_array_equal(share[[0, 1]], 0.25)
+    np.testing.assert_array_equal(share[[99, 100, 101, 300, 499]], share[[98, 98, 98, 299, 498]])
+    assert share.min() == 0.0
+    assert share.max() == 1.0
 
 
 @pytest.mark.parametrize(("play", "warned"), [(0.0, False), (1e-3, True)])

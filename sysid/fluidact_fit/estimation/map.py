@@ -24,8 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import blocks, middle_of, square_sum
-from .blocks import condense
+from ..rows import middle_of, square_sum
 from .least_squares import scaled_least_squares
 from .minimise import Minimum, minimise
 from .motion_state import running_median
@@ -113,11 +112,11 @@ class MapFit:
 @dataclass(frozen=True)
 class _Point:
     theta: FloatArray
-    residuals: Sequence[FloatArray]
+    residual: FloatArray
 
     @property
     def cost(self) -> float:
-        return sum(float(r @ r) for r in self.residuals)
+        return square_sum(self.residual)
 
 
 def fit_map(
@@ -137,41 +136,34 @@ def fit_map(
     tolerance
         Standard errors to which the unknowns are settled.
     """
-    parts, roots = list(blocks(rows.y.size)), np.sqrt(rows.count)
-
-    linear, (low, high) = model.linear & apart, model.bounds
+    roots, linear, (low, high) = np.sqrt(rows.count), model.linear & apart, model.bounds
     count = int(linear.sum())
 
-    def triangle(theta: FloatArray, residuals: Sequence[FloatArray]) -> FloatArray:
-        """Of the derivatives, by linear unknowns first, and of the residuals."""
+    def slopes(theta: FloatArray) -> FloatArray:
         simulated(rows.y.size)  # all derivatives come together
-        slopes = (model.slopes(theta, rows.x[at]) * roots[at, None] for at in parts)
-        tables = (np.column_stack((j[:, linear], j[:, ~linear], r))
-                  for j, r in zip(slopes, residuals))  # fmt: skip
-        return np.asarray(np.linalg.qr(condense(tables), mode="r"))
+        return model.slopes(theta, rows.x) * roots[:, None]
+
+    def triangle(theta: FloatArray, residual: FloatArray) -> FloatArray:
+        """Of the derivatives, by linear unknowns first, and of the residual."""
+        j = slopes(theta)
+        table = np.column_stack((j[:, linear], j[:, ~linear], residual))
+        return np.asarray(np.linalg.qr(table, mode="r"))
 
     def evaluate(searched: FloatArray) -> _Point:
         simulated(rows.y.size)
         theta = np.zeros(linear.size)
         theta[~linear] = searched
         if count:
-            root = triangle(theta, [roots[at] * rows.y[at] for at in parts])
+            root = triangle(theta, roots * rows.y)
             theta[linear] = scaled_least_squares(root[:count, :count], root[:count, -1])
-        return _Point(
-            theta, [roots[at] * (rows.y[at] - model.value(theta, rows.x[at])) for at in parts]
-        )
+        return _Point(theta, roots * (rows.y - model.value(theta, rows.x)))
 
     def normal(point: _Point) -> tuple[FloatArray, FloatArray]:
         if count:
-            left = triangle(point.theta, point.residuals)[count:, count:]
-            return left[:, :-1].T @ left[:, -1], left[:, :-1].T @ left[:, :-1]
-        simulated(rows.y.size)
-        gradient, curvature = np.zeros(point.theta.size), np.zeros(2 * point.theta.shape)
-        for at, r in zip(parts, point.residuals):
-            j = model.slopes(point.theta, rows.x[at]) * roots[at, None]
-            gradient = gradient + j.T @ r
-            curvature = curvature + j.T @ j
-        return gradient, curvature
+            j, r = np.split(triangle(point.theta, point.residual)[count:, count:], [-1], axis=1)
+            return (j.T @ r)[:, 0], j.T @ j
+        j = slopes(point.theta)
+        return j.T @ point.residual, j.T @ j
 
     def solve(start: FloatArray) -> Minimum[_Point]:
         return minimise(
@@ -369,15 +361,14 @@ def find_misfit(
         count = max(min(_STRETCHES, n // 5), 1)
         edges = np.unique(np.quantile(few, np.arange(1, count) / count))
     stretches = edges.size + 1
-    summed = np.zeros((2, 2 * stretches))
+    key = np.searchsorted(edges, x, side="right")
     last = np.zeros(stretches, dtype=np.intp)  # some row of each
-    for at in blocks(n):
-        second = np.arange(at.start, at.stop) >= n // 2
-        key = np.searchsorted(edges, x[at], side="right") + stretches * second
-        last[key % stretches] = np.arange(at.start, at.stop)
-        for into, values in zip(summed, (None, residual[at])):
-            into += np.bincount(key, values, minlength=into.size)
-    sizes, totals = summed.reshape(2, 2, -1)
+    last[key] = np.arange(n)
+    key += stretches * (np.arange(n) >= n // 2)
+    sizes, totals = (
+        np.bincount(key, weights, minlength=2 * stretches).reshape(2, -1)
+        for weights in (None, residual)
+    )
     used = np.flatnonzero(sizes.sum(axis=0))
     size = sizes.sum(axis=0)[used]
     mean = totals.sum(axis=0)[used] / size

@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from ...errors import UsageError
 from ...estimation.recursion import clamped
-from ...experiment import FloatArray, all_of
+from ...experiment import FloatArray
 from ...family import Value
-from ...rows import blocks
 from .rational_bezier import (
     blend,
     elevate,
@@ -35,21 +34,10 @@ def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -
     (falling) to 1 (rising) at the first reading; 0 is not known.
     """
     values = np.asarray(reading, dtype=float)
-    share, per_reading, last = np.empty(values.size), 2.0 / max(dead_band, 1e-300), np.nan
-    for at in blocks(values.size):
-        there = np.isfinite(values[at])  # a reading that is missing moves nothing
-        known = all_of(values[at], there)
-        moved = np.zeros(there.size)
-        if known.size:
-            first = known[0] if np.isnan(last) else last
-            moved[there] = np.diff(known, prepend=first) * per_reading
-            last = float(known[-1])
-        if moved.size:
-            share[at] = clamped(state, -1.0, 1.0, moved, moved.size)
-            state = float(share[at][-1])
-    share *= 0.5
-    share += 0.5
-    return share
+    there = np.isfinite(values)  # a reading that is missing moves nothing
+    known, moved = values[there], np.zeros(values.size)
+    moved[there] = np.diff(known, prepend=known[:1]) * 2.0 / max(dead_band, 1e-300)
+    return 0.5 + 0.5 * clamped(state, -1.0, 1.0, moved, moved.size)
 
 
 def over_common_readings(
@@ -153,13 +141,7 @@ class Calibration:
 
     def position(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Position of readings [m]; clamped to the range."""
-        share = self.share(reading, direction)
-        if reading.ndim != 1 or share.shape not in ((), reading.shape):
-            return self.value(self.place(reading), share)
-        out = np.empty(reading.size)
-        for at in blocks(reading.size):
-            out[at] = self.value(self.place(reading[at]), share[at] if share.ndim else share)
-        return out
+        return self.value(self.place(reading), self.share(reading, direction))
 
     def slope(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Change of position per reading; 0 beyond the range."""

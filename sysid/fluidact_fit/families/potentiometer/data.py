@@ -23,7 +23,6 @@ from ...experiment import (
     where_both,
     where_finite,
 )
-from ...rows import blocks
 from .calibration import rising_share
 from .options import PotentiometerOptions
 
@@ -125,9 +124,7 @@ def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray
     """Readings that are finite and inside the rails, if there are any."""
     if rails is None:
         return where_finite(reading)
-    return np.concatenate(
-        [(reading[at] > rails[0]) & (reading[at] < rails[1]) for at in blocks(reading.size)]
-    )
+    return (reading > rails[0]) & (reading < rails[1])
 
 
 def _settle_rails(
@@ -293,13 +290,10 @@ def _merged(rows: MapRows) -> MapRows:
     edges = np.linspace(0.0, 1.0, FINE + 1)
     if distinct.size <= FINE:
         edges = np.concatenate(([-1.0], 0.5 * (distinct[1:] + distinct[:-1]), [2.0]))
-    sums = np.zeros((4, 5 * edges.size))
-    for at in blocks(rows.y.size):
-        t, share = rows.x[at].T
-        place = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
-        key = place * 5 + np.round(share * 4.0).astype(np.int64)
-        for total, values in zip(sums, (None, t, share, rows.y[at])):
-            total += np.bincount(key, values, minlength=total.size)
+    t, share = rows.x.T
+    place = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
+    key = place * 5 + np.round(share * 4.0).astype(np.int64)
+    sums = np.array([np.bincount(key, values) for values in (None, t, share, rows.y)])
     count, *means = sums[:, sums[0] > 0.0]
     t, share, y = (m / count for m in means)
     return MapRows(np.column_stack((t, share)), y, count)
