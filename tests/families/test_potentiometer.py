@@ -24,7 +24,7 @@ from fluidact_fit.families.potentiometer.options import PotentiometerOptions
 from fluidact_fit.families.potentiometer.rational_bezier import (
     BezierModel,
     bernstein,
-    elevate,
+    express,
     power_coefficients,
     rational_bezier,
     rational_bezier_slope,
@@ -142,8 +142,8 @@ def test_slope_powers_and_elevation_agree_with_the_curve() -> None:
     np.testing.assert_allclose(rational_bezier_slope(t, p, w), central, rtol=1e-7, atol=1e-8)
     top = np.polynomial.Polynomial(power_coefficients(w * p))
     np.testing.assert_allclose(top(t) / np.polynomial.Polynomial(power_coefficients(w))(t), y)
-    raised = elevate(w)
-    np.testing.assert_allclose(rational_bezier(t, elevate(w * p) / raised, raised), y)
+    raised = express(w, w.size)
+    np.testing.assert_allclose(rational_bezier(t, express(w * p, w.size) / raised, raised), y)
 
 
 increments = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6)

@@ -15,11 +15,10 @@ from ...experiment import FloatArray
 from ...family import Value
 from .rational_bezier import (
     blend,
-    elevate,
+    express,
     is_monotone,
     rational_bezier,
     rational_bezier_slope,
-    restrict,
 )
 
 SECOND = ("", "_falling")
@@ -45,7 +44,7 @@ def over_common_readings(
 ) -> tuple[list[dict[str, Value]], str]:
     """Parameters of calibrations over the readings that all cover, at the highest of their degrees.
 
-    The curves stay the same: their numerators and denominators are elevated, and restricted.
+    The curves stay the same: their numerators and denominators are expressed anew.
 
     Returns
     -------
@@ -53,15 +52,15 @@ def over_common_readings(
     """
     each = [Calibration.of(values) for values in every]
     low, high = max(c.low for c in each), min(c.high for c in each)
-    degree = max(p.size for c in each for p, _ in c.curves)
-    if all((c.low, c.high, c.curves[0][0].size) == (low, high, degree) for c in each):
+    degree = max(p.size - 1 for c in each for p, _ in c.curves)
+    if all((c.low, c.high, c.curves[0][0].size - 1) == (low, high, degree) for c in each):
         return [dict(values) for values in every], ""
     out = []
     for values, c in zip(every, each):
         common = {n: v for n, v in values.items() if n.removesuffix("_falling") not in _CURVE}
         for suffix, (p, w) in zip(SECOND, c.curves) if low < high else ():
             ends = [(x - c.low) / (c.high - c.low) for x in (low, high)]
-            top, bottom = (_expressed(a, degree, ends) for a in (w * p, w))
+            top, bottom = (express(a, degree, *ends) for a in (w * p, w))
             common[f"control_points{suffix}"] = (top / bottom).tolist()
             common[f"weights{suffix}"] = (bottom / bottom[0]).tolist()
         out.append(common)
@@ -69,15 +68,8 @@ def over_common_readings(
         return out, "the ranges of readings do not overlap: the curves cannot be compared"
     return out, (
         f"control points and weights refer to the common range of readings, {low:.6g} to "
-        f"{high:.6g}, at degree {degree - 1}"
+        f"{high:.6g}, at degree {degree}"
     )
-
-
-def _expressed(points: FloatArray, size: int, ends: Sequence[float]) -> FloatArray:
-    """``size`` coefficients of a sum of Bernstein polynomials, over a part of its range."""
-    while points.size < size:
-        points = elevate(points)
-    return restrict(points, *ends)
 
 
 @dataclass(frozen=True)

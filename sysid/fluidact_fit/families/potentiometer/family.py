@@ -13,9 +13,6 @@ References
 ----------
 .. [1] "Bezier Calibration Method", IEEE Instrumentation & Measurement Magazine 26(1), 2023,
    p. 44: handle points and weights fitted to a reference, end points free or fixed.
-.. [2] G. Farin, Curves and Surfaces for CAGD, 5th ed., 2002, chapter 13.
-.. [3] T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2nd ed.,
-   2009, section 7.10: cross-validation and the one-standard-error rule.
 """
 
 from __future__ import annotations

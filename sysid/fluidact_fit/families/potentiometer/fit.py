@@ -39,7 +39,7 @@ from .rational_bezier import (
     BezierModel,
     bernstein,
     curves_of,
-    elevate,
+    express,
     is_monotone,
     model_of,
 )
@@ -155,7 +155,7 @@ def _search_degree(
         model = BezierModel(degree, branches)
         starts = model.starts(rows)
         if ladder:
-            starts.append(model.start(rows, [elevate(w) for _, w in curves_of(ladder[-1])]))
+            starts.append(model.start(rows, [express(w, degree) for _, w in curves_of(ladder[-1])]))
         ladder.append(fit_map(model, rows, starts, 1e-2))
     degree, scores = wanted or 1, []
     if not wanted and highest > 1:

@@ -113,27 +113,14 @@ def power_coefficients(points: npt.ArrayLike) -> FloatArray:
     return out
 
 
-def elevate(points: FloatArray) -> FloatArray:
-    """Coefficients of the same ``sum_i c_i B_i(t)`` at a degree of one more."""
-    share = np.arange(points.size + 1) / points.size
-    return np.asarray(share * np.append(0.0, points) + (1.0 - share) * np.append(points, 0.0))
+def express(points: FloatArray, degree: int, low: float = 0.0, high: float = 1.0) -> FloatArray:
+    """Coefficients ``(degree + 1,)`` of the same ``sum_i c_i B_i(t)``, at no lower a degree.
 
-
-def restrict(points: FloatArray, low: float, high: float) -> FloatArray:
-    """Coefficients of the same ``sum_i c_i B_i(t)`` where ``t`` runs from ``low`` to ``high`` > 0.
-
-    By de Casteljau's subdivision at either end [1]_.
+    With other ends they are those where ``t`` runs from ``low`` to ``high``.
     """
-    return _until(_until(points, high)[::-1], 1.0 - low / high)[::-1]
-
-
-def _until(points: FloatArray, end: float) -> FloatArray:
-    """Coefficients over the part from 0 to ``end``."""
-    out, left = [], points
-    while left.size:
-        out.append(left[0])
-        left = (1.0 - end) * left[:-1] + end * left[1:]
-    return np.array(out)
+    place = np.linspace(0.0, 1.0, degree + 1)
+    values = bernstein(low + (high - low) * place, points.size - 1) @ points
+    return np.linalg.solve(bernstein(place, degree), values)
 
 
 def blend(values: Sequence[FloatArray], rising: npt.ArrayLike) -> FloatArray:
