@@ -845,8 +845,7 @@ def fit_force_map(
     target
         What the network predicts: the command for a wanted force, or the force.
     inputs
-        Inputs in order, as force,position,direction; compare tries the four input layers of the
-        paper (default: the paper's best).
+        Inputs in order, as force,position,direction (default: the paper's best).
     hidden
         Hidden units, as 5 or 16,16; auto adds units while validation gains (default: 5 for the
         command, 7 for the force).

@@ -34,10 +34,7 @@ ROLES = (
 
 def _check_inputs(given: str) -> str:
     """Inputs by the names of their roles; each once."""
-    word = given.lower()
-    if word == "compare":
-        return word
-    found = [_ALIASES.get(name.strip(), name.strip()) for name in word.split(",")]
+    found = [_ALIASES.get(name.strip(), name.strip()) for name in given.lower().split(",")]
     known = [r.name for r in ROLES if r.name != "time"]
     for name in found:
         if name not in known:
@@ -64,10 +61,9 @@ class ForceMapOptions(FamilyOptions):
         "what the network predicts: the command for a wanted force, or the force",
     )  # fmt: skip
     inputs: str | None = text(
-        help="inputs in order, as force,position,direction; compare tries the four input layers "
-        "of the paper (default: the paper's best)",
+        help="inputs in order, as force,position,direction (default: the paper's best)",
         check=_check_inputs,
-        form="roles separated by commas, or compare",
+        form="roles separated by commas",
     )
     hidden: str | None = text(
         help="hidden units, as 5 or 16,16; auto adds units while validation gains (default: 5 "
@@ -92,13 +88,13 @@ class ForceMapOptions(FamilyOptions):
             left = [r.name for r in ROLES if r.name not in ("time", self.target)]
             raise UsageError(
                 f"--inputs={self.inputs}: '{self.target}' is what the network predicts",
-                expected=f"For --target={self.target}: {', '.join(left)}, or compare.",
+                expected=f"For --target={self.target}: {', '.join(left)}.",
             )
 
     @property
     def names(self) -> tuple[str, ...]:
         """Inputs in order; none while they have yet to be chosen."""
-        return () if self.inputs in (None, "compare") else tuple(str(self.inputs).split(","))
+        return () if self.inputs is None else tuple(self.inputs.split(","))
 
     @property
     def layers(self) -> tuple[int, ...]:
@@ -113,22 +109,12 @@ class ForceMapOptions(FamilyOptions):
         return "force" if self.target == "command" else "command"
 
 
-def input_layers(target: str) -> list[tuple[str, ...]]:
-    """The four input layers that the paper compares (figures 7 and 8)."""
-    more = [(), ("velocity",), ("direction",), ("velocity", "direction")]
-    return [("force" if target == "command" else "command", "position", *m) for m in more]
-
-
 def default_inputs(options: ForceMapOptions, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The paper's best layer, as far as the logs hold it, with any length added."""
     names = [options.driver, "position"]
     if all("length" in e for e in experiments):
         names.append("length")
-    if options.target == "force" and has_velocity(experiments):
+    known = ("velocity" in e or (e.time.size > 4 and e["position"].size > 1) for e in experiments)
+    if options.target == "force" and all(known):  # or a position to compute it from
         names.append("velocity")
     return (*names, "direction")
-
-
-def has_velocity(experiments: Sequence[Experiment]) -> bool:
-    """Return whether all logs hold a velocity or a position to compute it from."""
-    return all("velocity" in e or (e.time.size > 4 and e["position"].size > 1) for e in experiments)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -27,7 +26,7 @@ from ...family import Quantity, Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
 from .data import Data, check_data, gather, is_known, settle_dead_bands
 from .equation import NetworkMap, predict_runs
-from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
+from .options import ForceMapOptions, default_inputs
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
 _DECAY = 1e-5  # weight decay
@@ -191,50 +190,34 @@ def fit_network(
     options = settle_dead_bands(experiments, request.options)
     request = replace(request, options=options)
     tables: dict[str, Any] = {}
-    units = options.layers or (PAPER_UNITS[options.target],)
-    names = options.names or default_inputs(options, experiments)
-    if options.inputs == "compare":
-        layers = [
-            n for n in input_layers(options.target)
-            if "velocity" not in n or has_velocity(experiments)
-        ]  # fmt: skip
-        tried = [Rows.of(experiments, n, request) for n in layers]
-        chosen, tables["input_layers"] = _compare([(r, units) for r in tried], request)
-        names = layers[chosen]
-    rows = Rows.of(experiments, names, request)
-    if not options.layers:
-        chosen, tables["hidden_units"] = _compare([(rows, (n,)) for n in _SWEEP], request)
-        units = (_SWEEP[chosen],)
-    options = replace(options, inputs=",".join(names), hidden=",".join(map(str, units)))
+    rows = Rows.of(experiments, options.names or default_inputs(options, experiments), request)
+    units = options.layers
+    if not units:
+        units, tables["hidden_units"] = _choose_units(rows)
+    options = replace(options, inputs=",".join(rows.data.names), hidden=",".join(map(str, units)))
     error = rows.held_out(units)
     return _train(experiments, rows, units, replace(request, options=options), error, tables)
 
 
-def _compare(
-    candidates: Sequence[tuple[Rows, tuple[int, ...]]], request: Request[ForceMapOptions]
-) -> tuple[int, list[dict[str, Any]]]:
-    """Cross-validate candidates, cheapest first: the simplest sufficient one, and a table.
+def _choose_units(rows: Rows) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
+    """Cross-validate hidden layers, smallest first: the first sufficient one, and a table.
 
     More and more units are tried until three in a row gain nothing.
     """
     scores: list[FloatArray] = []
-    table = []
-    for rows, units in candidates:
-        request.progress(f"validating {', '.join(rows.data.names)} with {units} hidden units")
-        error = rows.held_out(units)
-        held = np.isfinite(error)
-        limit = SPIKE * robust_deviation(error[held])
-        scores.append(fold_squares(np.clip(error, -limit, limit), rows.folds))
-        sizes = (len(rows.data.names), *units, 1)
-        weights = sum(a * b for a, b in pairwise(sizes))
+    table, inputs = [], len(rows.data.names)
+    for units in _SWEEP:
+        rows.request.progress(f"validating {', '.join(rows.data.names)} with {units} hidden units")
+        error = rows.held_out((units,))
+        scores.append(fold_squares(_clipped(error), rows.folds))
+        weights = (inputs + 1) * units
         table.append({
-            "inputs": ",".join(rows.data.names), "hidden": list(units),
-            "validation_rms": rms(error) * rows.scaling.span,
-            "parameters": weights + sum(sizes[1:]), "multiplications": weights,
+            "hidden": [units], "validation_rms": rms(error) * rows.scaling.span,
+            "parameters": weights + units + 1, "multiplications": weights,
         })  # fmt: skip
         if len(scores) > 4 and smallest_sufficient(scores) < len(scores) - 3:
             break
-    return smallest_sufficient(scores), table
+    return (_SWEEP[smallest_sufficient(scores)],), table
 
 
 def _train(
@@ -288,11 +271,10 @@ def rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(found**2))) if found.size else float("nan")
 
 
-def _clipped_rms(error: FloatArray) -> float:
-    """Root mean square with spikes cut off."""
-    found = error[np.isfinite(error)]
-    limit = SPIKE * robust_deviation(found)
-    return rms(np.clip(found, -limit, limit))
+def _clipped(error: FloatArray) -> FloatArray:
+    """Errors with spikes cut off."""
+    limit = SPIKE * robust_deviation(error[np.isfinite(error)])
+    return np.clip(error, -limit, limit)
 
 
 def training_notices(fit: Fit) -> list[Notice]:
@@ -326,8 +308,8 @@ def training_notices(fit: Fit) -> list[Notice]:
             "has tested. Record at least one length in between."
         )
         out.append(Notice("few-positions", text))
-    held = rows.scaling.span * _clipped_rms(fit.error)
-    here = _clipped_rms((data.y - fit.predicted)[data.used])
+    held = rows.scaling.span * rms(_clipped(fit.error))
+    here = rms(_clipped((data.y - fit.predicted)[data.used]))
     if held > _WORSE * here:
         text = (
             f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "

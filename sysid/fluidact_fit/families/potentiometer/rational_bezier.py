@@ -120,7 +120,7 @@ def express(points: FloatArray, degree: int, low: float = 0.0, high: float = 1.0
     """
     place = np.linspace(0.0, 1.0, degree + 1)
     values = bernstein(low + (high - low) * place, points.size - 1) @ points
-    return np.linalg.solve(bernstein(place, degree), values)
+    return np.asarray(np.linalg.solve(bernstein(place, degree), values))
 
 
 def blend(values: Sequence[FloatArray], rising: npt.ArrayLike) -> FloatArray:
