@@ -16,13 +16,14 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
 from ..rows import middle_of, square_sum
 from .least_squares import scaled_least_squares
@@ -426,28 +427,28 @@ def find_uncertainty(
     return replace(found, covariance=matrix, degrees=min(found.degrees, misfit.degrees))
 
 
-@dataclass(frozen=True)
-class DirectionEffect:
-    """Difference of a map between rising and falling inputs, its error, and the scatter."""
-
-    width: float
-    std_error: float
-    scatter: float
-
-    def matters(self, least: float) -> bool:
-        """True if it is sure, and larger than half the scatter and than what is worth saying."""
-        sure = self.width > 5.0 * self.std_error
-        return sure and self.width >= max(0.5 * self.scatter, least)
-
-
-def find_direction_effect(
+def direction_notices(
+    words: tuple[str, str, str],
+    text: Callable[[float], str],
+    least: float,
     jacobians: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
     rising: Sequence[FloatArray],
-) -> DirectionEffect:
-    """Regress residuals on the direction of motion, the unknowns of the map beside it.
+) -> Iterator[Notice]:
+    """Warn of an output that differs between rising and falling inputs.
 
-    Per log: derivatives ``(n_i, p)``, residuals and the share of rising motion ``(n_i,)``, 0 to 1.
+    Residuals are regressed on the direction, the unknowns of the map beside it. The difference has
+    to be sure, and larger than half the scatter and than the ``least`` that is worth saying.
+
+    Parameters
+    ----------
+    words
+        What differs, the inputs, and what that means.
+    text
+        A difference of the output in words.
+    jacobians, residuals, rising
+        Per log: derivatives ``(n_i, p)``, residuals and the share of rising motion ``(n_i,)``,
+        0 to 1.
     """
     parts = [middle_of(len(r)) for r in residuals]
     residuals = [np.asarray(r[at]) for r, at in zip(residuals, parts)]
@@ -458,4 +459,11 @@ def find_direction_effect(
     found = np.linalg.lstsq(np.vstack(tables), np.concatenate(list(residuals)), rcond=1e-10)[0]
     spread = covariance(tables, [r - t @ found for t, r in zip(tables, residuals)])
     error = float(np.sqrt(spread.covariance[-1, -1])) / scale[-1]
-    return DirectionEffect(abs(float(found[-1])) / scale[-1], error, spread.sigma)
+    width = abs(float(found[-1])) / scale[-1]
+    if width > 5.0 * error and width >= max(0.5 * spread.sigma, least):
+        what, inputs, meaning = words
+        yield Notice(
+            "directions-differ",
+            f"{what} differs by {text(width)} between rising and falling {inputs}, while each "
+            f"direction scatters by {text(spread.sigma)}: {meaning}",
+        )

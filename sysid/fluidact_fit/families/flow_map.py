@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from ..block import Block
 from ..errors import LogError, Notice, NotIdentifiedError
-from ..estimation.map import count_ways, find_direction_effect
+from ..estimation.map import count_ways, direction_notices
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -381,15 +381,12 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
             "the map holds for this direction. Ramp the command up and down.",
         )
     elif fewer >= 10:
+        words = (
+            "the flow", "commands", "hysteresis of the spool, or a flow that lags behind a ramp. "
+            "Ramp more slowly, or hold commands.",
+        )  # fmt: skip
         parts = (data.by_log(x) for x in (found.jacobian, found.residual, rising))
-        effect = find_direction_effect(*parts)
-        if effect.matters(2e-3 * span):
-            yield Notice(
-                "directions-differ",
-                f"the flow differs by {effect.width:.3g} {unit} between rising and falling "
-                f"commands, while each direction scatters by {effect.scatter:.3g}: hysteresis of "
-                "the spool, or a flow that lags behind a ramp. Ramp more slowly, or hold commands.",
-            )
+        yield from direction_notices(words, lambda q: f"{q:.3g} {unit}", 2e-3 * span, *parts)
 
 
 # --------------------------------------------------------------------- what a controller runs
@@ -526,11 +523,9 @@ def _factor_of(
     size = sqrt(size * constant("per_reference", 1.0 / reference))
     if known.low > 0.0:
         return size
-    return (
-        -size
-        if known.high < 0.0
-        else by_sign(drop, size, -size, size if least else 0.0, jumps=bool(least))
-    )
+    if known.high < 0.0:
+        return -size
+    return by_sign(drop, size, -size, size if least else 0.0, jumps=bool(least))
 
 
 def _root_of(rest: Expression, slope: float, bend: float) -> Expression:

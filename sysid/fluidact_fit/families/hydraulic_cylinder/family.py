@@ -117,16 +117,11 @@ def _specs() -> tuple[ParameterSpec, ...]:
 _ROLES = (
     Role("time", "s", "time of each sample"),
     Role("command", "V", "control signal of the servo valve", hold="zoh"),
-    Role(
-        "pressure_1",
-        "Pa",
-        "pressure in the chamber that extends the piston",
-        required=False,
-        gauge=True,
-    ),
+    Role("pressure_1", "Pa", "pressure in the chamber that extends the piston", required=False,
+         gauge=True),
     Role("pressure_2", "Pa", "pressure in the chamber on the rod side", required=False, gauge=True),
     Role("position", "m", "position of the piston, growing as it extends", output=True),
-)
+)  # fmt: skip
 
 
 class HydraulicCylinder(Family[HydraulicCylinderOptions]):

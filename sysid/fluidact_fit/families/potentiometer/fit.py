@@ -16,8 +16,8 @@ from ...estimation.map import (
     Misfit,
     count_ways,
     cross_validate,
+    direction_notices,
     excess_tail,
-    find_direction_effect,
     find_misfit,
     find_uncertainty,
     fit_map,
@@ -439,14 +439,11 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> Iterator[Notic
     # beside the curve
     shares = [np.append(s[:1], s[:-1]) for s in data.by_log(share)]
     jacobian, rest = scaled.rows.slopes(fit), scaled.rows.residual(fit)
-    effect = find_direction_effect(data.by_log(jacobian), data.by_log(rest), shares)
-    if not effect.matters(0.5 * MATTERS):
-        return
-    yield Notice(
-        "directions-differ",
-        f"at one reading the reference differs by {scaled.words(effect.width)} between rising "
-        f"and falling readings, while each direction scatters by "
-        f"{scaled.words(effect.scatter)}: one curve for both is off by half of that or more. "
-        "Give --branches=two, or look for play in the coupling and for a delay between the two "
-        "signals.",
+    words = (
+        "at one reading the reference", "readings", "one curve for both is off by half of that or "
+        "more. Give --branches=two, or look for play in the coupling and for a delay between the "
+        "two signals.",
+    )  # fmt: skip
+    yield from direction_notices(
+        words, scaled.words, 0.5 * MATTERS, data.by_log(jacobian), data.by_log(rest), shares
     )
