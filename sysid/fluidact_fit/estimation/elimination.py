@@ -112,7 +112,7 @@ class Tangent:
         for i, (b, y, t) in enumerate(zip(fit.bases, problem.measured, fit.tables, strict=True)):
             j = problem.derivatives(i, fit.eta, scales, fit.linear, fit.local[i])
             table = problem.weigh(i, side_by_side(b.local, b.shared, j.T, y - b.known))
-            self.raw.append(table[:, -1 - p : -1])
+            self.raw.append(np.array(table[:, -1 - p : -1], order="F"))  # without all the others
             own = t.own if len(t.local) == len(table) else None  # else these are other rows
             self.tables.append(_Table.of(table, b.local.shape[1], own))
 

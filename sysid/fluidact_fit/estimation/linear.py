@@ -172,12 +172,12 @@ def forced_response(
     shift = -1j * np.imag(dead_time)
     moved = distinct + shift if np.imag(dead_time) != 0.0 else distinct
     if moved.size == 1 and abs(moved[0]) == 0.0:
-        y = states[piece] @ c
+        y = (states @ c)[piece]
     else:
         phi, gamma = _scaled_transition(a, b, moved, u.coefficients.shape[1] - 1)
         row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
         if moved.size == 1:
-            y = states[piece] @ row[0] + u.coefficients[piece] @ rows[0]
+            y = (states @ row[0] + u.coefficients @ rows[0])[piece]
         else:
             y = np.einsum("kn,kn->k", states[piece], row[which])
             y = y + np.einsum("kd,kd->k", u.coefficients[piece], rows[which])

@@ -53,11 +53,13 @@ class _Prepared:
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None; ``own`` says
     that it has one to itself;
-    ``unseen`` samples at its start are not described.
+    ``unseen`` samples at its start are not described, and are in ``time`` but not in ``samples``.
+    Where the input has the same instants, ``time`` is the array of ``nodes``.
     """
 
     u: PiecewiseInput
     nodes: Grid
+    time: FloatArray
     samples: Grid
     rest: bool
     log: int | None
@@ -130,14 +132,14 @@ class TransferModel:
         if not rest:  # a few are left of a run that ends before
             end = time[0] + self.begin.unrecorded
             unseen = max(min(int(np.searchsorted(time, end)), time.size - _FEWEST), 0)
-        samples = make_grid(time[unseen:])
-        same = unseen == 0 and (
-            signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
-        )
+        whole = make_grid(time)
+        same = signal.time is time or np.array_equal(signal.time, time)
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         own = log is None and self.begin.offset != "none"
-        nodes = samples if same else make_grid(u.nodes)
-        return _Prepared(u, nodes, samples, rest, log, own, unseen)
+        return _Prepared(
+            u, whole if same else make_grid(u.nodes), time,
+            make_grid(time[unseen:]) if unseen else whole, rest, log, own, unseen,
+        )  # fmt: skip
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
@@ -165,10 +167,10 @@ class TransferModel:
             states = self._remember(
                 ("states", index), (a, b), lambda: states_at_nodes(a, b, u, p.nodes)
             )
-        return forced_response(
-            a, b, c, u, p.samples.instants, dead_time=values.get("dead_time", 0.0), grid=p.nodes,
-            states=states,
-        )  # fmt: skip
+        y = forced_response(
+            a, b, c, u, p.time, dead_time=values.get("dead_time", 0.0), grid=p.nodes, states=states
+        )
+        return y[p.unseen :]
 
     def response(self, index: int, values: Values) -> FloatArray:
         """Response of one run to its input, shape ``(n,)`` [its unit]."""
