@@ -179,9 +179,16 @@ def test_levels_are_held() -> None:
     noise = np.random.default_rng(3).normal(size=400)
     many = np.repeat(np.random.default_rng(4).normal(size=20), 20)
     idle = np.where(np.arange(400) < 250, 0.0, np.sin((np.arange(400) - 250) * 0.05))
+    alike = np.repeat(
+        np.cumsum(
+            np.sign(noise[:40]) * (1.0 + 2.0 * (noise[40:80] > 0.0) + 0.5 * np.abs(noise[80:120]))
+        ),
+        10,
+    )
     held = [square, square + (np.arange(400) > 390), square + 0.005 * noise, many,
-            many + 0.01 * noise, np.repeat(np.arange(10.0), 40)]  # fmt: skip
+            many + 0.01 * noise, np.repeat(np.arange(10.0), 40), alike]  # fmt: skip
     moved = [wander, wander + 0.01 * noise, np.round(wander * 20) / 20, idle, noise,
+             np.round(np.round(wander * 20) / 20 * 0.977, 3),
              np.interp(np.arange(400), np.arange(0, 401, 20), noise[:21])]  # fmt: skip
     for values in held:
         halves = [signal(np.arange(200) * 0.01, v, "auto") for v in (values[:200], values[200:])]

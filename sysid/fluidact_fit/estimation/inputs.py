@@ -182,8 +182,10 @@ def _is_held(values: FloatArray) -> bool:
     # a jump too small to be seen leaves one level wide, not the others
     if np.median([v.std() for v in levels]) > usual + 1e-9 * np.ptp(values):
         return False
-    # steps of a converter, which a slow signal climbs one by one, are no levels of a command
-    steps = usual == 0.0 and np.median(change[jumps]) < 4.0 * change[jumps].min()
+    # steps of a converter, which a slow signal climbs by one or a few, are no levels of a command
+    codes = change[jumps] / change[jumps].min()
+    whole = np.median(np.abs(codes - np.rint(codes))) < 0.1
+    steps = usual == 0.0 and whole and np.median(codes) < 4.0
     return not steps or np.median([v.size for v in levels]) >= 20
 
 
