@@ -27,6 +27,7 @@ from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
 from fluidact_fit.family import Request, Simulated, Solution, Value, Variant
 from fluidact_fit.result import FitResult
+from fluidact_fit.routines import Machine
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "datasets" / "force-map"
@@ -179,7 +180,12 @@ def test_block_from_file(tmp_path: Path) -> None:
     assert isinstance(up, float)
     assert isinstance(down, float)
     assert 0.6 < up - down < 0.8  # twice the friction of 6.3 to 6.6 N over the gain
-    assert down < block(force=30.0, position=0.0116, direction=0) < up
+    # as the exports have it: between both branches there is no force that a machine has
+    (routine,) = block.routines()
+    for state, branch in ((0.0, up), (0.3, up), (-0.3, down)):
+        assert block(force=30.0, position=0.0116, direction=state) == branch
+        exported, _ = Machine(routine)(force=30.0, position=0.0116, direction=state)
+        assert exported == pytest.approx(branch, rel=1e-12)
     several = block(force=[10.0, 20.0, 30.0], position=0.01, direction=1)
     assert np.shape(several) == (3,)
     assert (np.diff(several) > 0.0).all()

@@ -60,7 +60,7 @@ class ForceMapBlock(Block):
     def __call__(self, **values: npt.ArrayLike) -> float | FloatArray:
         """Command or force for the inputs by name [SI]; scalars or arrays of one shape.
 
-        A motion state of 0, not known, gives what lies between the branches.
+        A motion state of 0, not known, is taken for loading, as the exports take it.
         """
         self.watch(**values)
         x, shape = self._table(values)
@@ -81,7 +81,6 @@ class ForceMapBlock(Block):
             if name == "direction":
                 about = "1 loading (or 0), -1 unloading"
                 state = draft.argument(Argument(name, "1", about, -1.0, 1.0))
-                # one of two: what lies between is for whoever does not know it
                 inputs.append(choose(state, "<", 0.0, -1.0, 1.0))
             else:
                 about = "input of the network"
@@ -125,7 +124,8 @@ class ForceMapBlock(Block):
                 )
             given["direction"] = held_state(v, self.options.driver, self.options)
         elif "direction" in given:
-            given["direction"] = as_motion_state(given["direction"])
+            state = as_motion_state(given["direction"])
+            given["direction"] = np.where(state < 0.0, -1.0, 1.0)
         unknown, missing = set(given) - set(self.inputs), set(self.inputs) - set(given)
         if unknown or missing:
             wrong = ", ".join(sorted(unknown | missing))
