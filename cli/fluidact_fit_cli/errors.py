@@ -141,7 +141,12 @@ def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
     file = next((w for w in words if w.startswith("-") and os.path.isfile(w)), "")
     if file:
         return f"'{file}' was read as an option. Give './{file}' if the file is meant."
-    if homes := _families_with(error.option_name, error.ctx):
+    homes = _families_with(error.option_name, error.ctx)
+    own = "" if error.ctx is None else str(error.ctx.info_name)
+    if homes and own in family_names():
+        owners = ", ".join(homes)
+        return f"{own} has no option '{error.option_name}': it belongs to the command of {owners}."
+    if homes:
         some = (
             homes[0] if len(homes) == 1 else "the family" if len(homes) > 3 else " or ".join(homes)
         )

@@ -346,7 +346,7 @@ def _check_noise(
     if noise and not family.allows_for_input_noise:
         raise UsageError(
             f"--noise is not used by {family.name}: its estimate cannot take the noise of an input "
-            "from the user",
+            "from the user.",
             remedy="Leave it out.",
         )
     inputs = [r.name for r in variant.driving]
@@ -483,6 +483,10 @@ def _at_given_bounds(
         if known is None or known.status != "estimated":
             continue
         width = _AT_END * (ends[1] - ends[0])
+        if isinstance(
+            known.std_error, float
+        ):  # wide bounds are not reached by what is many errors away
+            width = min(width, max(known.std_error, _AT_END * abs(known.number)))
         reached = next((end for end in ends if abs(known.number - end) <= width), None)
         if reached is not None:
             yield Notice(

@@ -499,6 +499,18 @@ def test_an_estimate_at_the_end_of_its_bounds_is_named(here: Run, inside: Path) 
     assert "at-given-bound" in done.err
     done = here("line", "s.csv", *step, "--bounds", "time_constant=10ms:1s", "-f")
     assert "at-given-bound" not in done.err
+    # a wide range is not reached by what is many standard errors away from its end
+    done = here("line", "s.csv", *step, "--bounds", "time_constant=0:1e6", "-f")
+    assert "at-given-bound" not in done.err
+
+
+def test_noise_of_a_family_that_takes_none_is_refused_for_that_reason(
+    here: Run, inside: Path
+) -> None:
+    (inside / "a.csv").write_text("time,force,velocity\n0,1,1\n1,2,2\n")
+    done = here("cylinder-friction", "a.csv", "--noise", "velocity=1")
+    assert done.status == 2
+    assert "--noise is not used by cylinder-friction" in done.err
 
 
 def test_rows_that_only_a_person_may_leave_out_are_not_left_out_unasked(

@@ -37,6 +37,10 @@ def test_one_word_is_suggested(words: list[str], meant: str, here: Run, inside: 
         (["fit", "x.csv", "--validate", "y.csv"], "the family"),
         (["fit", "x.csv", "--length", "5"], "line"),
         (["valve", "x.csv", "--length", "5"], "line"),
+        (
+            ["ball-screw", "x.csv", "--offset", "free"],
+            "hydrostatic, valve, line, cylinder-friction, hydraulic-motor",
+        ),
     ],
 )
 def test_an_option_of_another_command_is_not_taken_for_a_slip(

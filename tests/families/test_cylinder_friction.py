@@ -547,6 +547,13 @@ def test_fixed_and_bounded_parameters() -> None:
     assert number(bounded, "viscous") == pytest.approx(30.0)
 
 
+def test_bounds_of_levels_that_are_equal_have_to_overlap() -> None:
+    apart = {"coulomb_positive": (1.0, 2.0), "coulomb_negative": (3.0, 4.0)}
+    request = Request(options=FrictionOptions(offset="estimate"), bounds=apart)
+    with pytest.raises(UsageError, match="no value in common"):
+        FAMILY.estimate(VARIANTS["position"], [record(TWO_SPEEDS)], request)
+
+
 def test_friction_falling_with_speed_stays_at_zero_viscous() -> None:
     v = strokes(TWO_SPEEDS)
     force = np.sign(v) * (8.0 - 5.0 * np.abs(v)) + np.random.default_rng(0).normal(size=v.size)

@@ -383,3 +383,27 @@ def test_noise_of_the_position_is_no_difference_between_a_slow_and_a_fast_log() 
     found = ff.fit("spring-cylinder", logs)
     assert "halves-disagree" not in [n.code for n in found.notices]
     assert "instruments" in found.document.fit.details["method"]
+
+
+def test_bounds_hold_and_a_start_changes_nothing() -> None:
+    free, logs = fitted(), [DATA / f"trial{i}.csv" for i in (1, 2, 3)]
+
+    def fit(**request: Any) -> FitResult:
+        return ff.fit("spring-cylinder", logs, columns=COLUMNS, **request)
+
+    for request in ({"start": {"stiffness": 1.0}}, {"bounds": {"stiffness": (0.0, 1e9)}}):
+        same = fit(**request)
+        assert same.verdict == "pass"
+        assert same.parameters["stiffness"].value == free.parameters["stiffness"].value
+    bounded = fit(bounds={"stiffness": (400.0, 500.0)})
+    assert bounded.parameters["stiffness"].value == pytest.approx(400.0, abs=1e-6)
+    codes = {n.code for n in bounded.notices}
+    # the misfit is that of the bound: another hold of command or position does not mend it
+    assert "at-given-bound" in codes
+    assert "hold-doubtful" not in codes
+
+
+def test_bounds_of_two_levels_that_are_one_unknown_have_to_overlap() -> None:
+    apart = {"coulomb_loading": (1.0, 2.0), "coulomb_unloading": (3.0, 4.0)}
+    with pytest.raises(UsageError, match="no value in common"):
+        estimate(make(), bounds=apart)

@@ -184,8 +184,9 @@ def check_family_names(family: Family[FamilyOptions], params: Mapping[str, Any])
     """Refuse roles and parameters that the family has not."""
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
-    driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
-    check_names("--noise", "input", params["noise"], list(driving))
+    if family.allows_for_input_noise:  # the fit refuses the option itself for the others
+        driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
+        check_names("--noise", "input", params["noise"], list(driving))
 
 
 def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:

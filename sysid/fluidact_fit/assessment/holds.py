@@ -107,7 +107,8 @@ def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | N
 def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     """Gauss-Newton steps from the optimum under another hold, the derivatives as they are.
 
-    A long first step ends where the model is no longer linear, and another one is taken.
+    A long first step ends where the model is no longer linear, and another one is taken. What a
+    step gains under the present hold (the estimate ends at a bound) is no merit of the other.
     """
     turned = []
     for e in at.experiments:
@@ -116,7 +117,8 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     before, j = joined(at.residuals), joined(at.jacobians)
     if j.shape[1] == 0:
         return None
-    total, plant = np.zeros(j.shape[1]), at.plant
+    own = scaled_least_squares(j, before, 1e-10)
+    total, plant = -own, at.plant
     for _ in range(_ROUNDS):
         try:
             r = before - np.concatenate(at.change(turned, plant))
@@ -132,7 +134,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
             plant = moved(plant, name, float(by), at.variant.parameter(base_name(name)))
     deviations = total / at.errors
     worst = int(np.argmax(np.abs(deviations)))
-    ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
+    ratio = max(after, 1e-300) / max(float(np.sum((before - j @ own) ** 2)), 1e-300)
     return _Shift(
         at.experiments[0].signals[role].hold or "zoh",
         other,

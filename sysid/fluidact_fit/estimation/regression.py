@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import Notice
+from ..errors import Notice, UsageError
 from ..experiment import BoolArray, FloatArray
 from .least_squares import bounded_least_squares, column_scales
 from .noise import PER_MEDIAN
@@ -42,6 +42,7 @@ _STEPS = 12  # from one Stribeck speed to the next
 _SETTLED = 1e-3  # relative change of level and speed at which they end
 
 Columns = Mapping[str, FloatArray]
+Limits = Mapping[str, tuple[float, float]]
 
 
 def reached(at: BoolArray, width: int) -> BoolArray:
@@ -49,6 +50,24 @@ def reached(at: BoolArray, width: int) -> BoolArray:
     from scipy.ndimage import maximum_filter1d
 
     return np.asarray(maximum_filter1d(at, width, mode="constant"))
+
+
+def shared_limits(limits: Limits, names: Sequence[str]) -> tuple[float, float]:
+    """Lowest and highest value of one unknown that stands for several parameters.
+
+    Raises
+    ------
+    UsageError
+        Where the limits have no value in common.
+    """
+    low, high = zip(*(limits.get(n, (-np.inf, np.inf)) for n in names))
+    if max(low) > min(high):
+        raise UsageError(
+            f"--bounds of {' and '.join(names)} have no value in common",
+            expected="They are one unknown here: the data cannot tell them apart.",
+            remedy="Give both the same bounds, or leave one of them out.",
+        )
+    return max(low), min(high)
 
 
 @dataclass(frozen=True)
@@ -216,7 +235,7 @@ class Estimator:
         model: RegressionModel,
         names: Sequence[str],
         held: Mapping[str, float] | None = None,
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        limits: Limits | None = None,
         spike: float = 0.0,
     ) -> None:
         self.model, self.names, self.held = model, tuple(names), dict(held or {})

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_form
-from ...estimation.regression import Estimator, Regression
+from ...estimation.regression import Estimator, Regression, shared_limits
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
@@ -104,8 +104,6 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
     if alike and _one_speed(ranges):
         refusals += [Refusal(n, f"{_describe_speeds(ranges, axis)}.") for n in rising]
     limits = {n: request.bounds.get(n, (p.minimum, p.maximum)) for n, p in specs.items()}
-    low, high = zip(*(limits[n] for n in LEVELS))
-    limits[_MEAN] = (max(low), min(high))
     model = friction_model(data)
 
     def attempt(held: Mapping[str, float], *others: str) -> Regression:
@@ -138,6 +136,7 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
                 return found
         logs = offset_groups(data)
         offsets = [f"offset[{d[0].experiment.log}]" for d in logs] if logs[1:] else ["offset"]
+        limits[_MEAN] = shared_limits(limits, LEVELS)
         return attempt(held, _MEAN, *offsets)
 
     def doubts(found: Regression) -> list[Refusal]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Notice, NotIdentifiedError, UsageError
+from ...errors import Notice, NotIdentifiedError
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
 from ...estimation.uncertainty import model_of_residuals
@@ -120,11 +120,6 @@ class SpringCylinder(Family[SpringOptions]):
     ) -> Solution[SpringOptions]:
         """Solve the regression; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        if request.bounds or request.start:
-            raise UsageError(
-                "a linear regression takes no --start and no --bounds",
-                remedy="Give --fix NAME=VALUE for what is known.",
-            )
         runs, options = prepare(variant, experiments, request.options)
         options = settle_levels(options, request.fixed)
         samples = sum(int(d.kept.sum()) for d in runs)

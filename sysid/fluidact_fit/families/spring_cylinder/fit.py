@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, UsageError
-from ...estimation.regression import Estimator, Regression
+from ...estimation.regression import Estimator, Regression, shared_limits
 from ...estimation.results import Refusal, Solved, determine
 from ...estimation.stribeck import free_names, undetermined
 from ...family import ParameterSpec, Request
@@ -68,9 +68,11 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
 
     def estimator(held: Mapping[str, float]) -> Estimator:
         free = [n for n in specs if n not in held]
+        limits = dict(request.bounds)
         if options.levels == "equal" and not any(n in held for n in LEVELS):
             free = [EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
-        return Estimator(model, free, held, spike=options.spike or 0.0)
+            limits[EQUAL] = shared_limits(limits, LEVELS)
+        return Estimator(model, free, held, limits, spike=options.spike or 0.0)
 
     def solve(held: Mapping[str, float]) -> Regression:
         return estimator(held).solve()
@@ -85,7 +87,8 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
     )
     found = end.solution
     source = {n: EQUAL if EQUAL in found.free.names and n in LEVELS else n for n in specs}
-    solved = replace(found.free.renamed(source), fixed=fixed, refused=end.refused)
+    bounded = replace(found.free, values=found.values)
+    solved = replace(bounded.renamed(source), fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in found.free.names}
     return Fit(found, solved, [*end.notices, *estimator(held).other_shape()])
 
