@@ -97,7 +97,9 @@ _READING = {
     ),
     "gap": _warning(
         "Samples are missing: the time between two of them is many times the usual sample time.",
-        "Check what the inputs did during the gap, or keep to one side of it with `--window`.",
+        "Where an input may have changed meanwhile, resolve this first: `--exclude time=START:END` "
+        "with the ends of the gap makes a run of either side, each with its own beginning. Other "
+        "warnings may follow from it.",
     ),
     "header-again": _information(
         "The header stands again inside the table and was left out.",

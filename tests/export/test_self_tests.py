@@ -15,12 +15,13 @@ import fluidact_fit as ff
 from fluidact_fit.control.loading import make_block, read_document
 from fluidact_fit.export import excitation, export
 from fluidact_fit.export.c import write, write_code
+from fluidact_fit.export.c.constants import macros_of
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.controller import controller_code
 from fluidact_fit.export.golden import golden
 from fluidact_fit.export.mutants import mutants_of
-from fluidact_fit.export.rounding import difference, error_of, inward, single
-from fluidact_fit.export.target import Code, Job
+from fluidact_fit.export.rounding import difference, error_of, inward, robust, single
+from fluidact_fit.export.target import Code, Entry, Job
 from fluidact_fit.families.potentiometer.block import routines_of as potentiometer_routines
 from fluidact_fit.families.potentiometer.calibration import Calibration
 from fluidact_fit.parameters.draws import with_values
@@ -323,3 +324,35 @@ def test_operations_that_change_nothing_are_left_out() -> None:
     routine = draft.returns((x * 1.0 + 0.0) / 1.0 - 0.0 + (-(-1.0 * x)) * (2.0 * 0.5) + 0.0 * x)
     assert repr(routine.value).count("Number") == 0
     assert Machine(routine)(x=1.5)[0] == 3.0
+
+
+def test_no_golden_vector_has_a_flag_that_rounding_of_what_cancels_decides() -> None:
+    """A pressure that is left between the supply and a loss, both a thousand times as large."""
+    draft = Draft("left", "", "Pa")
+    speed = draft.argument(Argument("speed", "m/s", "speed", 0.0, 0.2))
+    pressure = draft.argument(Argument("pressure", "Pa", "pressure", 5e5, 2.5e6))
+    rest = draft.let("rest", constant("supply", 5e6) - pressure - constant("loss", 2.79e7) * speed)
+    draft.flag(rest, constant("least", 5e3))
+    routine = inward(draft.returns(rest))
+    rows = single(np.random.default_rng(3).uniform([0.0, 5e5], [0.2, 2.5e6], (20_000, 2)))
+    # brought to the threshold, to within what a number of single precision can tell
+    beside = 5e3 + np.random.default_rng(4).normal(0.0, 1.0, len(rows))
+    rows[:, 0] = single((5e6 - rows[:, 1] - beside) / 2.79e7)
+    rows = rows[rows[:, 0] < 0.2][None]
+    kept = rows[:, robust(routine, rows)]
+    assert kept.shape[1] > 1000
+    flags = [excitation.run(routine, kept)[1]]
+    for order in (1, -1):  # the sum as other compilers may take it, in single precision
+        x, p = (np.float32(kept[0, :, k]) for k in (0, 1))
+        loss, supply = np.float32(2.79e7) * x, np.float32(5e6)
+        left = supply - p - loss if order > 0 else supply - loss - p
+        flags.append(left[None] < np.float32(5e3))
+    assert np.array_equal(flags[0], flags[1])
+    assert np.array_equal(flags[0], flags[2])
+
+
+def test_a_constant_below_single_precision_is_written_as_zero() -> None:
+    """Weights of a unit that training has switched off: a compiler would say it truncates them."""
+    entry = Entry("weights", [1.1e-117, -6e-46, 0.25], "1", "weights of a unit")
+    text = " ".join(macros_of(Code("net", "", "", (), numbers=(entry,)))[0].lines)
+    assert "{ \\     0.0f, 0.0f, 0.25f" in text

@@ -294,7 +294,9 @@ def test_uneven_sampling_is_kept_and_reported(tmp_path: Path) -> None:
     assert not one.uniform
     np.testing.assert_allclose(one.time, stamps)
     assert codes(notices) == {"gap", "uneven-sampling"}
-    assert "line 31" in next(n.message for n in notices if n.code == "gap")
+    (said,) = (n.message for n in notices if n.code == "gap")
+    assert "line 31" in said
+    assert f"--exclude time={stamps[29]:.6g}:{stamps[30]:.6g}" in said
 
 
 def test_restarts_become_experiments(tmp_path: Path) -> None:

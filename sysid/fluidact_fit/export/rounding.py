@@ -23,7 +23,8 @@ import numpy as np
 from ..experiment import FloatArray
 from ..routines import Routine
 from ..routines.evaluate import DOUBLE, SINGLE, Arithmetic
-from ..routines.expression import Choose
+from ..routines.expression import Choose, choose
+from ..routines.statements import Flag, Let
 from .excitation import edges, hurried, run, sequences, uniform
 
 UNIT = 2.0**-24
@@ -35,6 +36,7 @@ _SEQUENCES = 256
 _PROBE = 400  # rows among which edges are looked for
 _MOST_JUMPS = 6
 _SEED = 20_261
+_CLEAR = 16.0  # times what rounding moves a side of a comparison, for other compilers
 
 
 @dataclass(frozen=True)
@@ -130,19 +132,33 @@ def both(routine: Routine, arguments: FloatArray) -> tuple[FloatArray, FloatArra
 def robust(routine: Routine, arguments: FloatArray, least: float = 1e-4) -> Any:
     """Sequences in which no jump and no flag is decided by rounding; shape ``(count,)``.
 
-    ``least`` is how far both sides have to differ, relative to the larger one.
+    ``least`` is how far both sides have to differ, relative to the larger one; where numbers that
+    nearly cancel stand on a side, rounding moves it by more, and so far as well.
     """
-    fine = np.ones(arguments.shape[1], dtype=bool)
+    body = [_as_jump(s) if isinstance(s, Flag) else s for s in routine.body]
+    routine = replace(routine, body=tuple(body))
+    margins: list[tuple[Any, Any]] = []
 
     def note(e: Choose, a: Any, b: Any, holds: Any) -> Any:
-        nonlocal fine
         if e.jumps:
-            size = np.maximum(np.abs(a), np.abs(b))
-            fine = fine & ((np.abs(np.subtract(a, b)) > least * size) | (size == 0.0))
+            margins.append((np.subtract(a, b, dtype=float), np.maximum(np.abs(a), np.abs(b))))
         return holds
 
     run(routine, arguments, replace(DOUBLE, decide=note))
+    exact, margins[:] = list(margins), []
+    run(routine, arguments, replace(SINGLE, decide=note))
+    fine = np.ones(arguments.shape[1], dtype=bool)
+    for (apart, size), (rounded, _) in zip(exact, margins):
+        moved = np.abs(rounded - apart)
+        usual = float(np.median(moved[np.isfinite(moved)])) if np.isfinite(moved).any() else 0.0
+        enough = np.maximum(least * size, _CLEAR * np.maximum(moved, usual))
+        fine &= (np.abs(apart) > enough) | (size == 0.0)
     return fine
+
+
+def _as_jump(flag: Flag) -> Let:
+    """A flag as a choice, which can be watched; its name can be that of no other statement."""
+    return Let(f"{id(flag)}", choose(flag.a, "<", flag.b, 1.0, 0.0, jumps=True))
 
 
 def _arguments(routine: Routine) -> FloatArray:

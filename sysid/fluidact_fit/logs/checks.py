@@ -53,10 +53,13 @@ def check_sampling(log: Log, runs: Sequence[Run]) -> Iterator[Notice]:
     gaps = np.flatnonzero(steps > _GAP * usual)
     if gaps.size:
         worst = int(gaps[np.argmax(steps[gaps])])
+        last = float(np.concatenate([run.time[:-1] for run in timed])[worst])
         yield Notice(
             "gap",
             f"{log.where(rows[worst])}: {steps[worst]:.4g} s without a sample after this line, "
-            f"the longest of {count_of(gaps.size, 'gap')} (usual step {usual:.4g} s).",
+            f"the longest of {count_of(gaps.size, 'gap')} (usual step {usual:.4g} s). What drove "
+            "the machine meanwhile is unknown: --exclude "
+            f"time={last:.6g}:{last + float(steps[worst]):.6g} makes a run of either side.",
         )
     rest = np.delete(steps, gaps)
     if rest.size and float(np.abs(rest - usual).max()) > _JITTER * usual:

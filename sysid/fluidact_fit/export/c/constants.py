@@ -55,7 +55,9 @@ def _lines(name: str, entry: Entry) -> list[str]:
 
 
 def _literal(value: float) -> str:
-    """A constant with all digits; a ``float`` where single precision reaches."""
+    """A constant with all digits; a ``float`` where single precision reaches, zero below it."""
+    if abs(value) < 2.0**-150:
+        value = 0.0  # of which a compiler says that it truncates a constant
     return f"{value + 0.0!r}{'f' if _reaches(value) else ''}"
 
 
