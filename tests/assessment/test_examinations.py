@@ -263,6 +263,18 @@ def test_what_hangs_on_a_value_that_nobody_knows_is_said(tmp_path):
     assert any("dead_zone is 0 A" in message and "gain" in message for message in said)
 
 
+def test_what_hangs_on_an_unknown_value_stays_in_its_range():
+    """Nearly one speed: viscous friction is unknown, and no level would be negative for it."""
+    t = 0.01 * np.arange(2000)
+    way = np.sign(np.sin(0.5 * np.pi * t) + 1e-9)
+    speed = way * (0.1 + 0.002 * np.sin(3.0 * t))
+    noise = 3.0 * np.random.default_rng(1).standard_normal(t.size)
+    log = {"time": t, "force": 8.0 * way + 40.0 * speed + noise, "velocity": speed}
+    result = ff.fit("cylinder-friction", log)
+    (said,) = (n.message for n in result.notices if n.code == "conditional")
+    assert "would be 0 instead of" in said
+
+
 def test_a_command_that_glides_may_not_be_held(tmp_path):
     t = 0.01 * np.arange(3000)
     log = motor_log(tmp_path / "log.csv", 0.95 * np.sin(0.7 * t) * np.cos(0.05 * t), moves=True)

@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fluidact_fit as ff
+from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
+from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import NotIdentifiedError
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.flow_map import FlowMapBlock, valve_command, valve_flow
@@ -165,6 +167,17 @@ def test_routines_give_what_the_block_gives(drop: bool) -> None:
             flow, _ = Machine(scale[0])(flow=flow, **more)
         if abs(command) > 1.2:
             assert Machine(back)(flow=flow)[0] == pytest.approx(command, abs=1e-6)
+
+
+def test_a_leakage_that_is_given_widens_no_other_interval() -> None:
+    """What is missed inside the dead band says nothing of the numbers beyond it."""
+    free = fit_dataset("flow-map")
+    held = {"leakage": free.parameters["leakage"].number}
+    dataset = load_dataset("flow-map")
+    known = ff.fit("flow-map", dataset.read(), **dataset.options, fixed=held)
+    for name, q in free.parameters.items():
+        if name not in held:
+            assert known.parameters[name].std_error <= 1.1 * q.std_error, name  # type: ignore[operator]
 
 
 def test_a_coarse_reading_of_the_flow_widens_the_leakage() -> None:

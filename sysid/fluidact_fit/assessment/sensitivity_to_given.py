@@ -137,27 +137,36 @@ def _dependences(at: Optimum, held: str) -> list[dict[str, Any]]:
     ends = value + found.size + 2.0 * found.error * np.array([-1.0, 1.0])
     low, high = (float(x) for x in np.clip(ends, spec.minimum, spec.maximum))
     reach = max(low - value, high - value, key=abs)
-    shifts = found.along * reach
+    shifts = [_possible(at, n, float(s)) for n, s in zip(at.names, found.along * reach)]
     return [
-        {"low": low, "high": high, "parameter": name, "shift": float(shift),
-         "errors": abs(float(shift)) / float(error)}
+        {"low": low, "high": high, "parameter": name, "shift": shift,
+         "errors": abs(shift) / float(error)}
         for name, shift, error in zip(at.names, shifts, at.errors)
         if abs(shift) > policy.HELD_MOVES * error
     ]  # fmt: skip
 
 
+def _possible(at: Optimum, name: str, shift: float) -> float:
+    """A shift as far as the range of the parameter allows it."""
+    spec, value = at.variant.parameter(base_name(name)), at.number(name)
+    return float(np.clip(value + shift, spec.minimum, spec.maximum)) - value
+
+
 def _notice(at: Optimum, held: str, worst: dict[str, Any]) -> Notice:
     """A warning of what hangs most on a value that was not determined."""
-    spec, value = at.variant.parameter(held), at.number(worst["parameter"])
-    shift = f"{value + worst['shift']:.3g} instead of {value:.3g}"
-    if not abs(worst["shift"]) < policy.ANYTHING * abs(value):
-        shift = "anything"
-    else:
-        shift += as_share(worst["shift"], value)
+    spec, name, value = (
+        at.variant.parameter(held),
+        worst["parameter"],
+        at.number(worst["parameter"]),
+    )
+    effect = f"nothing is known of {name}"
+    if abs(worst["shift"]) < policy.ANYTHING * abs(value):
+        other = value + worst["shift"]
+        effect = f"{name} would be {other:.3g} instead of {value:.3g}"
+        effect += as_share(worst["shift"], value)
     return Notice(
         "conditional",
         f"the intervals hold only if {held} is {at.number(held):.4g}{after_number(spec.unit)}, "
-        "which the data do not determine: with another one that they allow "
-        f"{worst['parameter']} would be {shift}. "
+        f"which the data do not determine: with another one that they allow {effect}. "
         f"Fix it if you know it (--fix {held}=VALUE), or record what determines it. {spec.remedy}",
     )

@@ -421,7 +421,8 @@ def find_uncertainty(
         of = np.searchsorted(begin, misfit.rows, side="right") - 1
         rows = np.array([jacobians[k][i - begin[k]] for k, i in zip(of, misfit.rows)])
         held = np.sum(rows @ per_variance * rows, axis=1)
-        needed = misfit.squares / np.maximum(held, 0.1 * held.mean())  # or the law is flat there
+        seen = held > 1e-9 * held.mean()  # what is missed where all is held says nothing of them
+        needed = misfit.squares[seen] / np.maximum(held, 0.1 * held.mean())[seen]  # or it is flat
         size = float(np.quantile(needed, 0.98)) / t_quantile(0.975, misfit.degrees) ** 2
         matrix = found.covariance + size * per_variance
     return replace(found, covariance=matrix, degrees=min(found.degrees, misfit.degrees))
