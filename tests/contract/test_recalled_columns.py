@@ -69,6 +69,27 @@ def test_a_header_with_a_unit_wins_over_the_unit_of_the_file(header: str) -> Non
     assert ff.check(file, [stated]).fits
 
 
+@pytest.mark.parametrize(
+    ("step", "scales"),
+    [
+        (ff.StepInput(0.0, 2500.0, 0.5, "mV"), {}),
+        (ff.StepInput(0.0, 1.25, 0.5), {"command": 2.0}),
+        (ff.StepInput(0.0, 1250.0, 0.5, "mV"), {"command": 2.0}),
+    ],
+)
+def test_a_step_is_recalled_in_its_unit_and_with_its_factor(
+    step: ff.StepInput, scales: dict[str, float]
+) -> None:
+    time = STEP * np.arange(300)
+    outlet = GAIN * lsim(([900.0], [1.0, 42.0, 900.0]), 2.5 * (time >= 0.5), time, interp=False)[1]
+    outlet += 300.0 * np.random.default_rng(8).standard_normal(time.size)
+    log = {"time": time, "outlet": outlet}
+    file = ff.fit("valve", log, steps={"command": step}, scales=scales)
+    assert file.parameters["gain"].value == pytest.approx(GAIN, rel=0.01)
+    assert file.document.provenance.logs[0].columns["command"].step.end in (2.5, 2500.0)
+    assert ff.check(file, [log]).fits
+
+
 def test_the_noisiest_log_of_a_file_fits_it() -> None:
     logs = [record(k) for k in range(4)] + [record(4, noise=3000.0)]
     file = ff.fit("valve", logs)

@@ -107,10 +107,10 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     turns = experiments[0].attributes.get("turns", {}) if experiments else {}
     for role, signal in experiments[0].signals.items() if experiments else ():
         if role in log.steps:
-            step = log.steps[role]
+            step, scale = log.steps[role], log.scales.get(role, 1.0)
             columns[role] = {
-                "step": {"from": step.start, "to": step.end, "at": step.at},
-                "unit": log.units.get(role, signal.unit),
+                "step": {"from": scale * step.start, "to": scale * step.end, "at": step.at},
+                "unit": step.unit or log.units.get(role, signal.unit),
             }
             if role in log.from_name:
                 columns[role]["from_name"] = log.from_name[role]

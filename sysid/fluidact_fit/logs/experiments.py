@@ -222,7 +222,7 @@ def _make_experiments(
             if role.name in log.steps:
                 step, scale = log.steps[role.name], log.scales.get(role.name, 1.0)
                 unit = step.unit or log.units.get(role.name)
-                where = f"--step {role.name}=..."
+                where = f"--{'set' if step.start == step.end else 'step'} {role.name}=..."
                 signals[role.name] = step_signal(in_unit(role, unit), step, where, unit, scale)
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
