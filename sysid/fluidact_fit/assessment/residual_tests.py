@@ -205,7 +205,8 @@ def _answer(
 
     Tried is the far end of the range: a motion state has no other values.
     """
-    s = max(fitted, key=lambda one: one.experiment.samples)
+    recorded = [one for one in fitted if _is_recorded(one, role)]
+    s = max(recorded, key=lambda one: one.experiment.samples)
     values, k = s.experiment[role], s.experiment.samples // 2
     low, high = float(values.min()), float(values.max())
     other = values.copy()
@@ -218,13 +219,18 @@ def _answer(
     return bool(change[k] > 0.01 * change[k:].max()) if change.any() else None
 
 
+def _is_recorded(run: Simulation, role: str) -> bool:
+    """Return whether a role has a sample beside every one of the output: no known step has."""
+    signals = run.experiment.signals
+    return role in signals and signals[role].time.size == run.measured.size
+
+
 def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:
     """Innovations of input and residual, of unit variance; None when one has none.
 
     Samples that the model leaves out at the beginning, within a dead time, are left out here.
     """
-    size = run.measured.size
-    if role not in run.experiment or run.experiment.signals[role].time.size != size:
+    if not _is_recorded(run, role):
         return None
     residual = np.asarray(run.residual[:_SERIES])
     known = np.flatnonzero(np.isfinite(residual))
