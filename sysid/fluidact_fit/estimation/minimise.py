@@ -26,6 +26,7 @@ import numpy as np
 from ..experiment import FloatArray
 from .price import exhausted
 
+_CLOSE = 0.03  # standard errors, within which the slopes of the model hardly change
 _FIRST = 1e-3  # least damping after a step that failed: less would lead to the same again
 _GROWTH = 8.0  # of the damping after a step that failed, its square from the second one on
 _EXACT = 0.05  # of its fall that the cost differs from a parabola, up to which damping only delays
@@ -111,7 +112,7 @@ def minimise(
     x = np.clip(np.asarray(start, dtype=float), low, high)
     here, degrees = evaluate(x), max(rows - x.size, 1)
     count, moved, converged = 0, True, x.size == 0
-    marquardt = _Damping(damping)
+    before, marquardt = 0.0, _Damping(damping)
     while not converged and count < max_iterations and not exhausted():
         if moved:
             local = _Parabola(*slopes(here), x, bounds)
@@ -140,13 +141,13 @@ def minimise(
         if gain > 1e-4:
             # of what is left: a start far off has residuals that are not noise
             noise = trial.cost / degrees or 1e-300
-            # a step that comes as predicted leaves little of its length to the next
-            left = min(1.0, 4.0 * abs(1.0 - gain)) * float(np.sqrt(predicted / noise))
+            length = float(np.sqrt(predicted / noise))
+            left = _share_left(length, before, gain, tolerance) * length
             if left <= 10.0 * tolerance and gain > 0.5:
                 rest = max(local.lowest - predicted, 0.0)
                 converged = left + float(np.sqrt(rest / noise)) <= 10.0 * tolerance
             little = fall <= least_gain * here.cost
-            x, here = candidate, trial
+            x, here, before = candidate, trial, length
             if converged or little:  # keep the slopes
                 converged = True
                 break
@@ -167,6 +168,19 @@ def _try(evaluate: Callable[[FloatArray], PointT], x: FloatArray) -> PointT | No
     except np.linalg.LinAlgError:
         return None
     return found if np.isfinite(found.cost) else None
+
+
+def _share_left(length: float, before: float, gain: float, tolerance: float) -> float:
+    """The part of an accepted step that the next one would go at most.
+
+    ``length`` and ``before`` are those of this step and the last one in standard errors, ``gain``
+    the fall of the cost in parts of the predicted one. A step that comes as predicted leaves
+    little. Near the end, where less is wanted, the steps shorten at least as fast as before, those
+    of the slowest unknown too unless the prediction says otherwise.
+    """
+    wrong = abs(1.0 - gain)
+    left = min(1.0, 4.0 * wrong) if tolerance > 1e-3 else 1.0
+    return min(left, max(length / before, wrong)) if before and length < _CLOSE else left
 
 
 class _Parabola:
