@@ -37,6 +37,7 @@ def mark_not_identified(trial: Any, path: Path) -> tuple[Path, str] | None:
         raw["parameters"][name] = {
             "value": entry["value"], "unit": entry["unit"], "status": "not_identified",
         }  # fmt: skip
+        raw["derived"] = {}  # their errors follow from the covariance
         part = raw.get("covariance", {"order": []})
         if name in part["order"]:
             gone = part["order"].index(name)
