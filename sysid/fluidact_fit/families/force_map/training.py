@@ -24,7 +24,7 @@ from ...estimation.scaled_network import Scaling
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
-from .data import Data, check_data, gather, is_known, settle_dead_bands
+from .data import Data, check_data, gather, is_known, settle_dead_bands, state_column
 from .equation import NetworkMap, predict_runs
 from .options import ForceMapOptions, default_inputs
 
@@ -68,6 +68,9 @@ class Rows:
         check_data(data, request.options)
         x, y = data.x[data.used], data.y[data.used]
         s, split = Scaling.of(x, y), _split(data, request.seed)
+        state = state_column(names)
+        if state is not None:  # 1 and -1 are of order one, and stay readable
+            s.offset[state], s.scale[state] = 0.0, 1.0
         return cls(data, s, s.inputs(x), s.output(y), *split, _length_column(data), request)
 
     def chords(self, x: FloatArray) -> Chords | None:
