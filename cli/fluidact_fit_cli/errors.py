@@ -147,9 +147,7 @@ def _explain_option(error: click.NoSuchOption, words: Sequence[str]) -> str:
         owners = ", ".join(homes)
         return f"{own} has no option '{error.option_name}': it belongs to the command of {owners}."
     if homes:
-        some = (
-            homes[0] if len(homes) == 1 else "the family" if len(homes) > 3 else " or ".join(homes)
-        )
+        some = " or ".join(homes) if len(homes) <= 3 else "the family"
         return (
             f"there is no option '{error.option_name}' here: it belongs to the command of {some}. "
             "`fluidact-fit inspect LOG...` shows the command that fits a log."

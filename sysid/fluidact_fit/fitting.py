@@ -483,9 +483,8 @@ def _at_given_bounds(
         if known is None or known.status != "estimated":
             continue
         width = _AT_END * (ends[1] - ends[0])
-        if isinstance(
-            known.std_error, float
-        ):  # wide bounds are not reached by what is many errors away
+        # wide bounds are not reached by what is many errors away
+        if isinstance(known.std_error, float):
             width = min(width, max(known.std_error, _AT_END * abs(known.number)))
         reached = next((end for end in ends if abs(known.number - end) <= width), None)
         if reached is not None:

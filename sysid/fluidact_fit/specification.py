@@ -17,7 +17,7 @@ from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
 
 Value = float | list[float] | list[list[float]]
-_STEP = 1e-30  # complex step: no cancellation
+STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
 Status = Literal["estimated", "fixed", "derived", "not_identified"]
 # what is only read may hold the options of any family
 ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
@@ -392,8 +392,8 @@ def propagate(
     """
     rows = {}
     for name in names:
-        moved = function({**values, name: values[name] + 1j * _STEP})
-        rows[name] = {key: float(np.imag(value)) / _STEP for key, value in moved.items()}
+        moved = function({**values, name: values[name] + 1j * STEP})
+        rows[name] = {key: float(np.imag(value)) / STEP for key, value in moved.items()}
     out = {}
     for key, value in function(values).items():
         gradient = np.array([rows[name].get(key, 0.0) for name in names])

@@ -154,11 +154,8 @@ def _possible(at: Optimum, name: str, shift: float) -> float:
 
 def _notice(at: Optimum, held: str, worst: dict[str, Any]) -> Notice:
     """A warning of what hangs most on a value that was not determined."""
-    spec, name, value = (
-        at.variant.parameter(held),
-        worst["parameter"],
-        at.number(worst["parameter"]),
-    )
+    spec, name = at.variant.parameter(held), worst["parameter"]
+    value = at.number(name)
     effect = f"nothing is known of {name}"
     if abs(worst["shift"]) < policy.ANYTHING * abs(value):
         other = value + worst["shift"]
@@ -167,6 +164,6 @@ def _notice(at: Optimum, held: str, worst: dict[str, Any]) -> Notice:
     return Notice(
         "conditional",
         f"the intervals hold only if {held} is {at.number(held):.4g}{after_number(spec.unit)}, "
-        f"which the data do not determine: with another one that they allow {effect}. "
+        f"which the data do not determine: with another one that they allow, {effect}. "
         f"Fix it if you know it (--fix {held}=VALUE), or record what determines it. {spec.remedy}",
     )

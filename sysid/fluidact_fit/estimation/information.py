@@ -18,10 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..experiment import FloatArray
-from ..specification import Information
+from ..specification import STEP, Information
 from .least_squares import project_out, scaled_inverse
 from .named_model import NamedModel, Values
-from .problem import STEP
 
 _ROUNDS = 3000  # of the algorithm that shares the samples out
 

@@ -93,12 +93,11 @@ def _missed(u: FloatArray, count: FloatArray, share: FloatArray, side: int) -> f
     if not begin.size:
         return np.inf
     inside = side + np.arange(rows)
-    outside = np.delete(np.arange(length, dtype=float), inside)
+    outside = np.delete(np.arange(length), inside)
     weights = np.zeros((rows, length))
     weights[:, inside] = -np.eye(rows)
-    weights[:, outside.astype(int)] = _weights((outside[None] - side + 1.0) / (rows + 1.0), share)[
-        0
-    ]
+    nodes = (outside[None].astype(np.float64) - side + 1.0) / (rows + 1.0)
+    weights[:, outside] = _weights(nodes, share)[0]
     errors = u[begin[:, None] + np.arange(length)] @ weights.T
     return float(np.sqrt(np.mean(errors**2)))
 

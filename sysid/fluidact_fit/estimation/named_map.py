@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Array, BoolArray, Experiment, FloatArray, Signal
 from ..options import FamilyOptions
-from ..specification import ParameterSpec, Quantity, Request, Simulate, Variant
+from ..specification import STEP, ParameterSpec, Quantity, Request, Simulate, Variant
 from .map import (
     AT_ODDS,
     MapFit,
@@ -28,7 +28,6 @@ from .map import (
     fit_map,
 )
 from .parametric import PROFILED
-from .problem import STEP
 from .profile_likelihood import profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .significance import CERTAIN, DECISIVE

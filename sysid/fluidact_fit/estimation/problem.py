@@ -9,10 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, FloatArray
+from ..specification import STEP
 from .price import simulated
 from .whitening import Whitening
-
-STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,14 @@ class Scaling:
     span: float
 
     @classmethod
-    def of(cls, x: FloatArray, y: FloatArray) -> Self:
+    def of(cls, x: FloatArray, y: FloatArray, kept: int | None = None) -> Self:
         """Scaling that gives rows ``(n, inputs)`` and ``(n,)`` zero mean and unit deviation.
 
-        An input that never changes keeps its scale.
+        An input that never changes keeps its scale; the one numbered ``kept`` stays as it is.
         """
         offset, scale = x.mean(axis=0), x.std(axis=0)
+        if kept is not None:
+            offset[kept], scale[kept] = 0.0, 1.0
         scale = np.where(scale > 1e-12 * np.maximum(np.abs(offset), 1e-300), scale, 1.0)
         return cls(offset, scale, float(y.mean()), max(float(y.std()), 1e-300))
 

@@ -122,9 +122,8 @@ class _Profile:
             pairs = [dict(zip(BREAKAWAY.values(), pair)) for pair in product(*cells)]
             levels = [{n: b.value for n, b in pair.items()} for pair in pairs]
             errors = np.array([self._errors({**at.values, **pair}) for pair in levels])
-            costs, first = np.unique(
-                at.predict(errors), return_index=True
-            )  # one of the same events
+            # cells of the same events have the same errors: one refit stands for all of them
+            costs, first = np.unique(at.predict(errors), return_index=True)
             likely = first[: _REFITS[1]][costs[: _REFITS[1]] < _HOPELESS * at.cost].tolist()
             tried = {k: self.fit({**at.values, **levels[k]}) for k in likely}
             best = min(tried, key=lambda k: tried[k].cost, default=-1)

@@ -67,10 +67,8 @@ class Rows:
         data = gather(experiments, names, request.options)
         check_data(data, request.options)
         x, y = data.x[data.used], data.y[data.used]
-        s, split = Scaling.of(x, y), _split(data, request.seed)
-        state = state_column(names)
-        if state is not None:  # 1 and -1 are of order one, and stay readable
-            s.offset[state], s.scale[state] = 0.0, 1.0
+        # 1 and -1 of a motion state are of order one, and stay readable
+        s, split = Scaling.of(x, y, kept=state_column(names)), _split(data, request.seed)
         return cls(data, s, s.inputs(x), s.output(y), *split, _length_column(data), request)
 
     def chords(self, x: FloatArray) -> Chords | None:

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import LogError, Notice
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
-from ...estimation.problem import STEP, Basis, Unknown
+from ...estimation.problem import Basis, Unknown
 from ...estimation.regression import Balance, Estimator, Regression, RegressionModel
 from ...estimation.results import Refusal, Solved, determine, left_open
 from ...estimation.stribeck import STRIBECK
@@ -19,6 +19,7 @@ from ...experiment import FloatArray
 from ...family import Quantity
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import LOSSES
+from ...specification import STEP
 from .case import Case
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"

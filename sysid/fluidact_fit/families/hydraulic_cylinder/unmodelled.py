@@ -65,8 +65,8 @@ def unmodelled_effects(plant: HydraulicPlant) -> Iterator[UnmodelledEffect]:
 
 
 def _load_words(size: float) -> str:
-    against = "against" if size > 0.0 else "for"
-    return f"a constant force of {abs(size):.3g} N acts on the piston, {against} its extension"
+    way = "against" if size > 0.0 else "towards"
+    return f"a constant force of {abs(size):.3g} N acts on the piston, {way} extension"
 
 
 def _instead(name: str, value: float, unit: str, change: float) -> str:

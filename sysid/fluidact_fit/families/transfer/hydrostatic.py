@@ -204,8 +204,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                 raise
             force = experiments[0].signals["force"]
             raise NotIdentifiedError(
-                f"the piston rests at forces of {force.text(low, '.3g')} to "
-                f"{force.text(high, '.3g')} alone: the zero of the load cell seems to be off, or "
+                f"the piston only rests at forces of {force.text(low, '.3g')} to "
+                f"{force.text(high, '.3g')}: the zero of the load cell seems to be off, or "
                 f"a weight or a spring pulls, and {error.what}",
                 expected=error.expected,
                 remedy="Read the force while nothing acts, and subtract it from the column. "
