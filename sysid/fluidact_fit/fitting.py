@@ -17,8 +17,8 @@ from .arguments import is_truth, require, shown
 from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
+from .estimation.budget import Budget, counting
 from .estimation.inputs import settle_holds
-from .estimation.price import Price, counting
 from .experiment import Experiment
 from .families import get_family
 from .family import Family, FamilyOptions, ParameterDocument, Request, Solution, Variant
@@ -448,10 +448,10 @@ def _solve(
             "say no more about the machine.",
         )
     try:
-        with _blaming_the_numbers(), counting(samples) as price:
+        with _blaming_the_numbers(), counting(samples) as budget:
             found = family.estimate(variant, experiments, request)
             bounded = list(_at_given_bounds(found, request.bounds))
-            return _priced(replace(found, notices=[*bounded, *found.notices]), price)
+            return _with_search_cost(replace(found, notices=[*bounded, *found.notices]), budget)
     except (NotIdentifiedError, LogError, UsageError) as error:
         causes = find_implausible(family, request.options, variant, experiments)
         if not causes and isinstance(error, NotIdentifiedError):
@@ -496,22 +496,22 @@ def _at_given_bounds(
             )
 
 
-def _priced(found: Solution[FamilyOptions], price: Price) -> Solution[FamilyOptions]:
+def _with_search_cost(found: Solution[FamilyOptions], budget: Budget) -> Solution[FamilyOptions]:
     """The estimate with what its search has cost, where it has simulated anything."""
-    if not price.spent:
+    if not budget.spent:
         return found
-    search = {"simulations": ceil(price.spent), "at_most": price.at_most}
-    said = [_at_bound(price)] if price.exhausted else []
+    search = {"simulations": ceil(budget.spent), "at_most": budget.at_most}
+    said = [_search_bounded(budget)] if budget.exhausted else []
     return replace(
         found, details={**found.details, "search": search}, notices=[*found.notices, *said]
     )
 
 
-def _at_bound(price: Price) -> Notice:
+def _search_bounded(budget: Budget) -> Notice:
     return Notice(
         "search-bounded",
-        f"the search was ended after {ceil(price.spent)} simulations of the logs, of the "
-        f"{price.at_most} that a fit may take: a longer one may find better values. Give --start "
+        f"the search was ended after {ceil(budget.spent)} simulations of the logs, of the "
+        f"{budget.at_most} that a fit may take: a longer one may find better values. Give --start "
         "values near the right ones, or hold what is known with --fix.",
     )
 

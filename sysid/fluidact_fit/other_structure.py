@@ -11,7 +11,7 @@ import numpy as np
 from .assessment.policy import FIT_WEAK
 from .document_assembly import FitContext
 from .errors import FluidactError
-from .estimation.price import counting
+from .estimation.budget import counting
 from .experiment import Experiment
 from .family import Family, FamilyOptions, Request, Variant
 from .outcome import agreement

@@ -11,8 +11,8 @@ from studies.red_team.run import run, write
 import fluidact_fit as ff
 from attack_finder import find_attack
 from fluidact_fit import LogError
+from fluidact_fit.estimation.budget import counting
 from fluidact_fit.estimation.lost_rows import fill_lost_rows, find_lost_rows
-from fluidact_fit.estimation.price import counting
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw import fit as whole_fit
@@ -203,9 +203,9 @@ def test_a_torque_of_the_other_sign_is_said_to_be_one() -> None:
 def test_a_noisy_drive_that_is_taken_for_held_is_searched_within_bounds() -> None:
     """Every level of noise fits otherwise, and there are as many as samples."""
     log = record(noise=2e-4)
-    with counting(log.samples) as price:
+    with counting(log.samples) as budget:
         found = fit(log)
-    assert price.spent < 1500
+    assert budget.spent < 1500
     assert "command-noise" in {n.code for n in found.notices}
 
 

@@ -26,11 +26,11 @@ import numpy.typing as npt
 from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
 from ..rows import middle_of, square_sum
+from .budget import exhausted, simulated
 from .least_squares import scaled_least_squares
 from .minimise import Minimum, minimise
 from .motion_state import running_median
 from .noise import PER_MEDIAN
-from .price import exhausted, simulated
 from .robust_weights import SPIKE
 from .uncertainty import Uncertainty, covariance, enlarge, t_quantile
 

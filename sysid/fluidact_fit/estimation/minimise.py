@@ -24,7 +24,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from ..experiment import FloatArray
-from .price import exhausted
+from .budget import exhausted
 
 _CLOSE = 0.03  # standard errors, within which the slopes of the model hardly change
 _FIRST = 1e-3  # least damping after a step that failed: less would lead to the same again
@@ -100,7 +100,7 @@ def minimise(
         Part of the cost; a step that lowers it by less is the last.
     max_iterations
         Of accepted and rejected steps together. An iteration whose fit may not simulate any longer
-        ends before; see :mod:`.price`.
+        ends before; see :mod:`.budget`.
     damping
         Of the first step: little where the start is near the minimum, for it is what keeps
         unknowns that the data hardly tell apart from getting there at once.

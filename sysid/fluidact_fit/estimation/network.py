@@ -25,9 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .budget import simulated
 from .map import robust_deviation
 from .minimise import minimise
-from .price import simulated
 
 Activation = Literal["relu", "tanh"]
 

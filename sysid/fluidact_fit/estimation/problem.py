@@ -10,7 +10,7 @@ import numpy as np
 
 from ..experiment import Array, FloatArray
 from ..specification import STEP
-from .price import simulated
+from .budget import simulated
 from .whitening import Whitening
 
 

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from ..experiment import FloatArray
+from .budget import exhausted
 from .elimination import Eliminated, Tangent
 from .least_squares import solve_normal
 from .minimise import minimise
-from .price import exhausted
 from .problem import Problem, StationaryPoint, bounds_of
 
 
@@ -48,7 +48,7 @@ def solve(
     start : (p,)
         Of the nonlinear unknowns.
     max_iterations
-        Of accepted and rejected steps; a fit ends before where :mod:`.price` says so.
+        Of accepted and rejected steps; a fit ends before where :mod:`.budget` says so.
     tolerance
         As in :func:`.minimise.minimise`.
     damping

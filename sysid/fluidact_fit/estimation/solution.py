@@ -25,7 +25,7 @@ from ..specification import (
     Value,
     Variant,
 )
-from .price import uncounted
+from .budget import uncounted
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 _STEP = 0.02  # of a standard error, for differences of a simulation

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import Experiment, FloatArray
-from .price import exhausted
+from .budget import exhausted
 from .problem import Problem
 from .separable import profile
 

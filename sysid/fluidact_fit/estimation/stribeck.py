@@ -18,7 +18,7 @@ from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray
 from ..options import choice
 from ..specification import ParameterSpec, Simulate, Structure, UnmodelledEffect
-from .price import simulated
+from .budget import simulated
 from .results import Refusal, Solved
 from .significance import CERTAIN
 

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.budget import simulated
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
-from ...estimation.price import simulated
 from ...estimation.problem import Basis
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Variant

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...estimation.budget import simulated
 from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
-from ...estimation.price import simulated
 from ...estimation.stribeck import EXPONENT
 from ...experiment import Experiment, FloatArray
 from ...mechanics.coupled import InPlace, motion

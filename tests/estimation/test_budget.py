@@ -11,9 +11,9 @@ import fluidact_fit as ff
 from dataset_fits import fit_dataset
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import NotIdentifiedError
-from fluidact_fit.estimation import price
+from fluidact_fit.estimation import budget
+from fluidact_fit.estimation.budget import counting, exhausted, simulated
 from fluidact_fit.estimation.network import Training, search
-from fluidact_fit.estimation.price import counting, exhausted, simulated
 from fluidact_fit.estimation.problem import Basis, Problem, Unknown
 from fluidact_fit.estimation.separable import evaluate, solve
 from fluidact_fit.estimation.stribeck import RiseSearch
@@ -81,8 +81,8 @@ def test_nothing_is_counted_where_nobody_asks() -> None:
 
 
 def test_a_search_ends_where_it_may_not_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(price, "PASSES", 0.0)
-    monkeypatch.setattr(price, "AT_MOST", 12)
+    monkeypatch.setattr(budget, "PASSES", 0.0)
+    monkeypatch.setattr(budget, "AT_MOST", 12)
     with counting(2 * TIME.size) as paid:
         found = solve(problem(Decay()), np.array([0.3]))
     assert not found.converged
@@ -94,8 +94,8 @@ def test_training_of_a_network_ends_there_too(monkeypatch: pytest.MonkeyPatch) -
     rng = np.random.default_rng(1)
     x = rng.standard_normal((200, 2))
     y = np.abs(x[:, 0]) - x[:, 1]
-    monkeypatch.setattr(price, "PASSES", 0.0)
-    monkeypatch.setattr(price, "AT_MOST", 100)
+    monkeypatch.setattr(budget, "PASSES", 0.0)
+    monkeypatch.setattr(budget, "AT_MOST", 100)
     with counting(y.size) as paid:
         search(x, y, Training((3,), starts=4), rng)
     assert 50.0 <= paid.spent <= 100.0
@@ -141,13 +141,13 @@ def test_a_fit_of_every_family_ends_at_its_bound(
     """With half as many simulations as it takes it ends early and says so, or writes nothing."""
     dataset, taken = load_dataset(family), fit_dataset(family).document.fit.details or {}
     most = taken["search"]["simulations"]
-    monkeypatch.setattr(price, "PASSES", 0.0)
-    monkeypatch.setattr(price, "AT_MOST", most)
+    monkeypatch.setattr(budget, "PASSES", 0.0)
+    monkeypatch.setattr(budget, "AT_MOST", most)
     result = ff.fit(family, dataset.read(), **dataset.options)
     said = (result.document.fit.details or {})["search"]
     assert said["at_most"] == most
     assert 0.5 * most <= said["simulations"] <= most
     assert "search-bounded" in {n.code for n in result.document.warnings}
-    monkeypatch.setattr(price, "AT_MOST", 2)
+    monkeypatch.setattr(budget, "AT_MOST", 2)
     with pytest.raises(NotIdentifiedError, match="does not end within 2 simulations"):
         ff.fit(family, dataset.read(), **dataset.options)

@@ -1,4 +1,4 @@
-"""Cost of a search, counted in simulations, and its budget.
+"""Simulations that a search may take: counted, and bounded by a budget.
 
 One simulation is one pass of the model over all samples of all logs. A derivative by one unknown is
 another pass (those of a network by all its weights come from a single one, backwards), and a pass
@@ -16,11 +16,11 @@ from ..errors import NotIdentifiedError
 
 AT_MOST = 20_000  # simulations of a fit
 PASSES = 8e7  # samples that those of short logs may go over, if that is more
-_SEARCHED = 0.5  # of the simulations, after which no search goes on: the rest is to end the fit
+_FOR_SEARCHES = 0.5  # of the simulations, after which no search goes on: the rest is to end the fit
 
 
 @dataclass
-class Price:
+class Budget:
     """Simulations that a search has ``spent``, and the most that it may, of logs of ``samples``."""
 
     samples: int
@@ -30,7 +30,7 @@ class Price:
     @property
     def exhausted(self) -> bool:
         """Return whether a search is to end where it is."""
-        return self.spent >= _SEARCHED * self.at_most
+        return self.spent >= _FOR_SEARCHES * self.at_most
 
     def add(self, simulations: float) -> None:
         """Count simulations, or refuse them where a fit may not take as many."""
@@ -43,28 +43,28 @@ class Price:
         self.spent += simulations
 
 
-_price: ContextVar[Price | None] = ContextVar("price", default=None)
+_budget: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
 
 @contextmanager
-def counting(samples: int) -> Iterator[Price]:
+def counting(samples: int) -> Iterator[Budget]:
     """Count the simulations of logs of so many samples, and bound them."""
-    price = Price(samples, max(AT_MOST, int(PASSES / max(samples, 1))))
-    token = _price.set(price)
+    budget = Budget(samples, max(AT_MOST, int(PASSES / max(samples, 1))))
+    token = _budget.set(budget)
     try:
-        yield price
+        yield budget
     finally:
-        _price.reset(token)
+        _budget.reset(token)
 
 
 @contextmanager
 def uncounted() -> Iterator[None]:
     """Count no simulations: those that describe a finished search are none of it."""
-    token = _price.set(None)
+    token = _budget.set(None)
     try:
         yield
     finally:
-        _price.reset(token)
+        _budget.reset(token)
 
 
 def simulated(samples: float | None = None, passes: int = 1) -> None:
@@ -75,18 +75,12 @@ def simulated(samples: float | None = None, passes: int = 1) -> None:
     NotIdentifiedError
         Where that is more than a fit may take.
     """
-    price = _price.get()
-    if price is not None:
-        price.add(passes if samples is None else passes * samples / price.samples)
+    budget = _budget.get()
+    if budget is not None:
+        budget.add(passes if samples is None else passes * samples / budget.samples)
 
 
 def exhausted() -> bool:
     """Return whether a search is to end where it is, because it may not go on."""
-    price = _price.get()
-    return price is not None and price.exhausted
-
-
-def spent() -> float:
-    """Simulations so far."""
-    price = _price.get()
-    return 0.0 if price is None else price.spent
+    budget = _budget.get()
+    return budget is not None and budget.exhausted
