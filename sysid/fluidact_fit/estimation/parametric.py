@@ -50,6 +50,8 @@ class Fitted(Solved):
         Weights by log that made its residuals as large as those of the others.
     logs
         The log of every experiment.
+    extra_details
+        Further entries of :meth:`details`.
     input_noise
         Noise on inputs that the estimate allows for, by role.
     """
@@ -61,7 +63,7 @@ class Fitted(Solved):
     specs: Mapping[str, ParameterSpec] = field(kw_only=True)
     unknowns: Mapping[str, Unknown] = field(kw_only=True)
     notices: list[Notice] = field(default_factory=list)
-    remarks: Mapping[str, Any] = field(default_factory=dict)
+    extra_details: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[int, float] = field(default_factory=dict)
     logs: Sequence[int] = ()
     input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
@@ -118,7 +120,7 @@ class Fitted(Solved):
             "iterations": self.solution.iterations,
             "converged": self.solution.converged,
             "covariance": self._covariance_name(),
-            **self.remarks,
+            **self.extra_details,
         }
 
     def _covariance_name(self) -> str:

@@ -253,7 +253,7 @@ def _allow_for_input_noise(
         "unit": experiments[0].signals[role].unit,
     }  # fmt: skip
     if noise.sigma == 0.0:
-        return replace(plain, remarks={"input_noise": found}), None
+        return replace(plain, extra_details={"input_noise": found}), None
     found["treatment"] = "residual whitened, score corrected"
 
     def correct(other: Fitted) -> Fitted:
@@ -263,7 +263,7 @@ def _allow_for_input_noise(
             sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
         )  # fmt: skip
 
-    return replace(correct(fitted), remarks={"input_noise": found}), correct
+    return replace(correct(fitted), extra_details={"input_noise": found}), correct
 
 
 def _not_allowed_for(role: str) -> Notice:

@@ -1,4 +1,4 @@
-"""Remarks on a fit: warnings, and the details in the file."""
+"""Warnings of a fit, and its details in the file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .fit import Fit, levels_impossible
 from .options import ONE_SIDED, SIDES
 from .samples import LEVELS, half_range
 
-_TOLD = 4.0  # standard errors of a parameter by which logs differ beyond doubt
+_BEYOND_DOUBT = 4.0  # standard errors of a parameter by which logs differ beyond doubt
 
 
-def remarks(fit: Fit) -> Iterator[Notice]:
-    """Everything that a reader of the file should be warned of."""
+def fit_notices(fit: Fit) -> Iterator[Notice]:
+    """Yield everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
     width = 2.0 * half_range(fit.data)
     yield from fit.found.spike_notices(width, fit.data[0].say, fit.axis.sensor)
@@ -84,7 +84,10 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
                 off.append((sign * float(own.mean()), d, f"in the {side} direction"))
         if not d.kept.any():
             v = d.motion.regressor
-            speed, least = float(v.mean()), _TOLD * np.sqrt((2 * d.motion.reach + 1) / v.size)
+            speed, least = (
+                float(v.mean()),
+                _BEYOND_DOUBT * np.sqrt((2 * d.motion.reach + 1) / v.size),
+            )
             more = np.sign(speed) * (float(d.friction.mean()) - offset - float(law.moving(speed)))
             if abs(speed) > least * v.std() and abs(more) > least * d.friction.std():
                 off.append((float(more), d, f"at {abs(speed):.2g} {unit}"))
