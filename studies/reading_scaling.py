@@ -33,8 +33,8 @@ from fluidact_fit.control.controller_file import read_controller_file
 from fluidact_fit.control.loading import read_document
 from fluidact_fit.errors import FluidactError, in_python, visible
 from fluidact_fit.logs import describe, read_log
+from fluidact_fit.logs.exclusions import find_in_name, parse_constant, parse_exclusion
 from fluidact_fit.logs.stamps import read_stamp
-from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
 from fluidact_fit.units import is_unit, looks_like_unit, normalise_unit, parse_unit_from_header
 
 ROOT = Path(__file__).parents[1]

@@ -10,8 +10,8 @@ from typing import Any
 from .errors import FluidactError, LogError, Notice, UsageError
 from .logs import Log, LogLike, StepInput, open_logs, share_columns
 from .logs.columns import matching, missing_roles, reference_of
+from .logs.exclusions import find_in_name, parse_exclusion, with_constants, without
 from .logs.opening import listed_logs
-from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .parameters.document import Column, LogSource, ParameterDocument, window_ends
 from .specification import Role
 from .units import parse_unit_from_header

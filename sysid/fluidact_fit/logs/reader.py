@@ -16,6 +16,7 @@ from .arrays import log_of, make_log
 from .binary import read_binary, read_stored
 from .codesys import read_trace
 from .dialect import find_layout
+from .exclusions import parse_exclusion, with_constants, without
 from .groups import sparse_columns
 from .json_table import read_json
 from .kinds import check_kinds
@@ -25,7 +26,6 @@ from .long_form import refuse_long_form
 from .merging import merged
 from .source import Source, files_of, make_source, name_of, read_bytes
 from .split_time import with_joined_time
-from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 from .workbook import read_workbook
 

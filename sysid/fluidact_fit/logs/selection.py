@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import LogError, UsageError
 from ..experiment import BoolArray
 from .columns import time_candidate
+from .exclusions import exclude_runs, with_rows
 from .grid import Run, counted_run, untimed_run
 from .log import Log
-from .surgery import exclude_runs, with_rows
 from .timebase import split_runs
 
 

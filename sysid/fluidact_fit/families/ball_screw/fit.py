@@ -23,12 +23,18 @@ from ...family import (
     make_solution,
 )
 from ...mechanics.friction_law import mean_and_offset, unequal_levels
-from .beyond import DECISIVE, DECISIVE_HELD, beyond_notice, residual_to_noise, with_derivatives
 from .drive_record import drive_notices, with_drive_errors
 from .levels import Bracket, find_levels, refine_levels
 from .model import BREAKAWAY, SIDES, SPEED, BallScrewOptions, Compared, DriveModel
 from .start import Stage, fastest, first_stage, without_idle_levels
 from .stribeck import undetermined, with_curve, without_level
+from .unmodelled_forces import (
+    DECISIVE,
+    DECISIVE_HELD,
+    residual_to_noise,
+    unmodelled_forces_notice,
+    with_derivatives,
+)
 
 UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
@@ -145,7 +151,7 @@ def _finish(
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
         *drive_notices(stage.axis, experiments),
-        *([beyond_notice(SPEED in parameters)] if beyond else []),
+        *([unmodelled_forces_notice(SPEED in parameters)] if beyond else []),
         *(Notice("levels-or-offset", text) for text in unequal),
     ]
     return make_solution(

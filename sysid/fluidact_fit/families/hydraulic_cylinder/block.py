@@ -18,10 +18,10 @@ from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from ...routines import Argument, Routine
 from ...specification import scalars
-from .case import read_machine
 from .networks import NETWORKS, network_of
 from .options import HydraulicCylinderOptions
 from .routines import CylinderRoutines, feeding_chamber
+from .setup import read_machine
 from .simulation import simulate_run
 
 _FAR = 100.0  # supply pressures: nothing that oil does goes as far

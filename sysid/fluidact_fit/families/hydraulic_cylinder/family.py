@@ -42,11 +42,11 @@ from ...family import (
 )
 from ...mechanics.hydraulic_cylinder import THETA
 from .block import HydraulicBlock
-from .case import Case, check_settled, make_case
 from .gray_fit import fit_gray, resonance
 from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
+from .setup import Setup, check_settled, make_setup
 from .simulation import simulate_runs
 from .unmodelled import unmodelled_effects
 
@@ -154,9 +154,9 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     ) -> Solution[HydraulicCylinderOptions]:
         """Fit the cylinder; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        case = make_case(variant, experiments, request)
-        found = fit_gray(case) if _is_gray_box(case) else _by_flow_balance(case)
-        layers, tables = fit_networks(case, scalars(found.values))
+        setup = make_setup(variant, experiments, request)
+        found = fit_gray(setup) if _is_gray_box(setup) else _by_flow_balance(setup)
+        layers, tables = fit_networks(setup, scalars(found.values))
         return replace(
             found,
             parameters={**found.parameters, **layers},
@@ -176,8 +176,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         self, plant: Plant[HydraulicCylinderOptions], runs: Runs
     ) -> PhysicsView | None:
         """Return the flow of a chamber over the command, by a network too where there is one."""
-        case = make_case(plant.variant, [e for e, _ in runs], Request(plant.options))
-        return flow_curve(case, plant.values)
+        setup = make_setup(plant.variant, [e for e, _ in runs], Request(plant.options))
+        return flow_curve(setup, plant.values)
 
     def unmodelled_effects(
         self, plant: Plant[HydraulicCylinderOptions]
@@ -216,29 +216,29 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return HydraulicBlock(document, variant)
 
 
-def _is_gray_box(case: Case) -> bool:
+def _is_gray_box(setup: Setup) -> bool:
     """Decide whether to fit all states: where enough is given and recorded."""
-    if case.options.stage == "flow-balance" or not (case.machine.complete and case.both):
+    if setup.options.stage == "flow-balance" or not (setup.machine.complete and setup.both):
         return False
-    slow = max(e.sample_time for e in case.experiments)
-    if slow > _SLOWEST and "bulk_modulus" not in case.request.fixed:
+    slow = max(e.sample_time for e in setup.experiments)
+    if slow > _SLOWEST and "bulk_modulus" not in setup.request.fixed:
         raise undetermined_error(
-            case.variant.parameter("bulk_modulus"),
+            setup.variant.parameter("bulk_modulus"),
             f"the logs are sampled every {slow * 1e3:.3g} ms, too slowly to follow the pressures.",
         )
     return True
 
 
-def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
+def _by_flow_balance(setup: Setup) -> Solution[HydraulicCylinderOptions]:
     """Flow balance over windows, friction beside it."""
     from scipy.linalg import block_diag
 
-    low = free_names(case.options.stribeck == "estimate", case.request.fixed)
-    first, rows, specs = fit_flow(case, lenient=False), case.friction, case.variant.parameters
+    low = free_names(setup.options.stribeck == "estimate", setup.request.fixed)
+    first, rows, specs = fit_flow(setup, lenient=False), setup.friction, setup.variant.parameters
     parameters, order, matrix = first.quantities(specs)
     notices = [*first.notices]
     if rows.speed.size >= 4 and rows.moving.sum() >= 4:
-        friction, warnings = fit_friction(case)
+        friction, warnings = fit_friction(setup)
         more, names, block = friction.quantities(specs)
         parameters, order = {**parameters, **more}, (*order, *names)
         matrix = block_diag(matrix, block)
@@ -246,8 +246,8 @@ def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
     for spec in specs:
         if spec.name in parameters:
             continue
-        if spec.name in case.request.fixed:
-            given = float(case.request.fixed[spec.name])
+        if spec.name in setup.request.fixed:
+            given = float(setup.request.fixed[spec.name])
             parameters[spec.name] = Quantity(given, spec.unit, "fixed")
         elif spec.name in low or not spec.optional:
             reason = _NEEDS_ALL if spec.name in low else "it needs the pressures of both chambers."
@@ -261,19 +261,19 @@ def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
             "give both logs.",
         )
         for i in (1, 2)
-        if i not in case.chambers
+        if i not in setup.chambers
     ]
-    gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
+    gains = directional_gains(setup, {n: q.number for n, q in parameters.items()})
     options = replace(
-        case.options, stage="flow-balance", window=case.window, rest_position=case.rest_position
+        setup.options, stage="flow-balance", window=setup.window, rest_position=setup.rest_position
     )
     return make_solution(
-        simulate_runs, case.experiments, case.variant, options, parameters, order,
-        NoiseModel(matrix), derived={**friction_levels(case), **gains},
+        simulate_runs, setup.experiments, setup.variant, options, parameters, order,
+        NoiseModel(matrix), derived={**friction_levels(setup), **gains},
         notices=notices,
         details={
             "method": "flow balance over windows",
-            "windows": sum(w.first.size for w in case.windows),
+            "windows": sum(w.first.size for w in setup.windows),
             "covariance": first.details()["covariance"],
         },
     )  # fmt: skip

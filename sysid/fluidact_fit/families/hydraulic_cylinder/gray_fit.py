@@ -24,11 +24,11 @@ from ...experiment import Experiment, FloatArray
 from ...family import NoiseModel, Plant, Simulated, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
-from .case import Case, read_machine
 from .gray_box import CHANNELS, GrayBox, make_gray_log, mean_command
 from .gray_search import GrayPoint, GrayProblem, command_noise, moving_speeds, solve_gray_box
 from .options import HydraulicCylinderOptions
 from .regression import directional_gains, fit_flow, fit_friction, sensible_widths
+from .setup import Setup, read_machine
 from .simulation import simulate_runs
 
 _PART = 4_000  # samples in which the search for a Stribeck rise begins
@@ -45,28 +45,28 @@ _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says 
 class _Search:
     """Fits the gray box again and again; weights and start are those of the last time."""
 
-    def __init__(self, case: Case) -> None:
-        self.case = case
-        first = fit_flow(case, lenient=True)
-        sizes = _friction_sizes(case)
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        first = fit_flow(setup, lenient=True)
+        sizes = _friction_sizes(setup)
         self.start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **sizes}
-        if case.friction.moving.sum() >= 8:
-            found = fit_friction(case)[0]
+        if setup.friction.moving.sum() >= 8:
+            found = fit_friction(setup)[0]
             self.start |= {n: found.values[n] for n in found.names if n in sizes}
         self.start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
-        self.start |= {n: v for n, v in case.request.start.items() if n in self.start}
-        friction = make_unknowns(case.variant.parameters, (*sizes,), sizes, case.request)
+        self.start |= {n: v for n, v in setup.request.start.items() if n in self.start}
+        friction = make_unknowns(setup.variant.parameters, (*sizes,), sizes, setup.request)
         self.unknowns = {**first.unknowns, **friction}
-        self.logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        fall = FrictionLaw.of(case.request.fixed).fall
-        self.box = GrayBox.following(self.logs, case.machine, sizes["viscous"], fall)
+        self.logs = [make_gray_log(e, setup.machine) for e in setup.experiments]
+        fall = FrictionLaw.of(setup.request.fixed).fall
+        self.box = GrayBox.following(self.logs, setup.machine, sizes["viscous"], fall)
         self.initial: list[FloatArray] | None = None
         self.sigma = np.array([
             max(noise_floor(e[c], 2) + max(e.signals[c].resolution, 1e-4 * float(np.ptp(e[c])))
-                for e in case.experiments)
+                for e in setup.experiments)
             for c in CHANNELS
         ])  # fmt: skip
-        self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
+        self.low = free_names(setup.options.stribeck == "estimate", setup.request.fixed)
 
     def solve(self, held: Mapping[str, float]) -> Minimum[GrayPoint]:
         """Estimate what is not held."""
@@ -87,7 +87,7 @@ class _Search:
             problem = GrayProblem(self.box, self.logs, free, self.sigma)
             end = solve_gray_box(problem, self.start, self.initial)
             self.start, self.initial = end.point.values, end.point.initial
-            self.case.request.progress(
+            self.setup.request.progress(
                 f"gray box: {end.iterations} steps, weighted error {end.point.cost:.6g}"
             )
             old, self.sigma = self.sigma, _spread(end.point)
@@ -101,12 +101,12 @@ class _Search:
         Stick and slip make the output anything but linear in that speed; from a wrong one the
         search ends in a minimum where the piston sticks at other times.
         """
-        request = self.case.request
+        request = self.setup.request
         slowest, fastest = slowest_and_fastest(moving_speeds(plain))
         dry = max(plain.values["coulomb"], self.unknowns["coulomb"].scale)
         scales = {"stribeck": dry, "stribeck_speed": float(np.sqrt(slowest * fastest))}
         limits = {"stribeck_speed": (0.5 * slowest, 2.0 * fastest)}
-        self.unknowns |= make_unknowns(self.case.variant.parameters, low, scales, request, limits)
+        self.unknowns |= make_unknowns(self.setup.variant.parameters, low, scales, request, limits)
         free = [*plain.problem.free, *(self.unknowns[n] for n in low)]
         problem = replace(plain.problem, free=free)
         points = []
@@ -131,7 +131,7 @@ class _Search:
             best = min(best, end.point, key=lambda s: s.cost)
         self.start = best.values
         fall = _MARGIN * FrictionLaw.of(self.start).fall
-        self.box = GrayBox.following(self.logs, self.case.machine, self.start["viscous"], fall)
+        self.box = GrayBox.following(self.logs, self.setup.machine, self.start["viscous"], fall)
 
     def undetermined(self, end: Minimum[GrayPoint]) -> list[Refusal]:
         """Return the parameter whose interval says least, if it says nothing."""
@@ -144,7 +144,7 @@ class _Search:
         sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
         sensible["bulk_modulus"] = _CERTAIN * solved.values["bulk_modulus"]
         sensible |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
-        specs = [self.case.variant.parameter(n) for n in solved.names]
+        specs = [self.setup.variant.parameter(n) for n in solved.names]
         # Losses and dead zone are refused before the gains, which may be certain without them. Not
         # so the bulk modulus: without them it would look certain in logs of plateaus alone.
         last = [s for s in specs if s.neutral is None and s.name != "bulk_modulus"]
@@ -167,11 +167,11 @@ def _solved(point: GrayPoint) -> Solved:
     return Solved(point.values, names, matrix, point.uncertainty.degrees)
 
 
-def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
+def fit_gray(setup: Setup) -> Solution[HydraulicCylinderOptions]:
     """Output error of pressures and position, refusing what the data do not determine."""
-    search = _Search(case)
-    fixed = {n: float(v) for n, v in case.request.fixed.items() if n in THETA}
-    specs = {s.name: s for s in case.variant.parameters}
+    search = _Search(setup)
+    fixed = {n: float(v) for n, v in setup.request.fixed.items() if n in THETA}
+    specs = {s.name: s for s in setup.variant.parameters}
     try:
         found = determine(search.solve, search.undetermined, specs, fixed=fixed)
     except np.linalg.LinAlgError as error:
@@ -196,20 +196,20 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
         point.values, point.problem.names, point.uncertainty.covariance + by_command,
         point.uncertainty.degrees, fixed, found.refused,
     )  # fmt: skip
-    parameters, order, matrix = solved.quantities(case.variant.parameters)
+    parameters, order, matrix = solved.quantities(setup.variant.parameters)
     sigma = point.problem.sigma.tolist()
     options = replace(
-        case.options, stage="gray-box", window=case.window, rest_position=case.rest_position,
+        setup.options, stage="gray-box", window=setup.window, rest_position=setup.rest_position,
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
     )  # fmt: skip
-    gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
+    gains = directional_gains(setup, {n: q.number for n, q in parameters.items()})
     return make_solution(
-        simulate_runs, case.experiments, case.variant, options, parameters, order,
+        simulate_runs, setup.experiments, setup.variant, options, parameters, order,
         NoiseModel(matrix), jacobians=[
             dict(zip(CHANNELS, point.problem.sigma[:, None, None] * j.reshape(3, log.samples, -1)))
             for log, j in zip(point.problem.logs, point.jacobian)
         ],
-        simulate_near=Nearby(point, [(e.log, e.name) for e in case.experiments]),
+        simulate_near=Nearby(point, [(e.log, e.name) for e in setup.experiments]),
         derived={
             **gains,
             **solved.derive(
@@ -257,11 +257,11 @@ class Nearby:
         return Simulated(simulated.pop(CHANNELS[-1]), also=simulated)
 
 
-def _friction_sizes(case: Case) -> dict[str, float]:
+def _friction_sizes(setup: Setup) -> dict[str, float]:
     """Friction to begin with: 1 % of the largest force, at the mean speed for the viscous one."""
-    machine = case.machine
+    machine = setup.machine
     force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
-    speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in case.experiments]
+    speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in setup.experiments]
     return {"viscous": force / max(float(np.mean(speeds)), 1e-6), "coulomb": force}
 
 

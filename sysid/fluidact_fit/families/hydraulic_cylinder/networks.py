@@ -15,7 +15,7 @@ from ...experiment import BoolArray, FloatArray
 from ...family import Curve, PhysicsView, Quantity, Value, scalars
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import EDGES, chamber_flow
-from .case import Case
+from .setup import Setup
 from .windows import Windows
 
 NETWORKS = ("flow_1", "flow_2", "friction")
@@ -53,7 +53,7 @@ def network_of(parameters: Mapping[str, Any], name: str) -> ScaledNetwork | None
     return ScaledNetwork(Network((w1, w2), (b1, b2)), scaling)
 
 
-def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[str, Any]]:
+def fit_networks(setup: Setup, values: Values) -> tuple[dict[str, Quantity], dict[str, Any]]:
     """Train what was asked for and compare it with the equations on rows held out.
 
     Returned are the layers, their standardisation in SI units, and the comparisons as rows of
@@ -61,15 +61,15 @@ def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[
     """
     nets: dict[str, ScaledNetwork] = {}
     tables: dict[str, list[dict[str, Any]]] = {}
-    if case.options.flow == "mlp":
-        windows, table = _quiet_windows(case), []
-        for chamber in case.chambers:
+    if setup.options.flow == "mlp":
+        windows, table = _quiet_windows(setup), []
+        for chamber in setup.chambers:
             own = [w for w in windows if w.chamber == chamber]
-            nets[f"flow_{chamber}"], found = _flow_network(case, own, values)
+            nets[f"flow_{chamber}"], found = _flow_network(setup, own, values)
             table += [{"chamber": chamber, **row} for row in found]
         tables["Flow: models on held-out windows"] = table
-    if case.options.friction == "mlp":
-        nets["friction"], table = _friction_network(case, values)
+    if setup.options.friction == "mlp":
+        nets["friction"], table = _friction_network(setup, values)
         tables["Friction: models on held-out windows"] = table
     layers = {
         f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
@@ -79,13 +79,13 @@ def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[
     return layers, {title: table for title, table in tables.items() if table}
 
 
-def _quiet_windows(case: Case) -> list[Windows]:
+def _quiet_windows(setup: Setup) -> list[Windows]:
     """Overlapping windows in which the command hardly moves.
 
     The mean flow belongs to the mean command only while the command stays on one side of an
     edge of the dead zone.
     """
-    windows, out = case.cut(overlap=8), []
+    windows, out = setup.cut(overlap=8), []
     most = 0.03 * max(float(np.abs(w.command).max()) for w in windows)
     for w in windows:
         spread = [np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)]
@@ -93,10 +93,10 @@ def _quiet_windows(case: Case) -> list[Windows]:
     return [w for w in out if w.first.size]
 
 
-def _held_out(case: Case, w: Windows) -> BoolArray:
+def _held_out(setup: Setup, w: Windows) -> BoolArray:
     """Windows that judge: the last of three logs or more, else the last quarter of each log."""
-    if len(case.experiments) > 2:
-        return np.full(w.first.size, w.index == len(case.experiments) - 1)
+    if len(setup.experiments) > 2:
+        return np.full(w.first.size, w.index == len(setup.experiments) - 1)
     return np.asarray(w.first >= 0.75 * w.experiment.samples)
 
 
@@ -108,20 +108,20 @@ def _near_zero(windows: Sequence[Windows], values: Values) -> float:
 
 
 def _flow_network(
-    case: Case, windows: Sequence[Windows], values: Values
+    setup: Setup, windows: Sequence[Windows], values: Values
 ) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
     """Network of one chamber's flow from command and pressure, beside the equations.
 
     Rows near zero command are repeated until they are half of all. Their flows are small:
     unweighted, they would hardly count.
     """
-    near, held = _near_zero(windows, values), [_held_out(case, w) for w in windows]
+    near, held = _near_zero(windows, values), [_held_out(setup, w) for w in windows]
     inputs, flow = _flow_rows([w.chosen(~h) for w, h in zip(windows, held)], values)
     rows = np.arange(0, flow.size, max(1, -(-flow.size // _WINDOWS)))
     close = rows[np.abs(inputs[rows, 0]) < near]
     if close.size:
         rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
-    net = _train(inputs[rows], flow[rows], _HIDDEN["flow"], case.request.seed)
+    net = _train(inputs[rows], flow[rows], _HIDDEN["flow"], setup.request.seed)
     tests = [w.chosen(h) for w, h in zip(windows, held)]
     inputs, flow = _flow_rows(tests, values)
     law = np.concatenate([w.modelled(values) - w.motion for w in tests])
@@ -137,9 +137,9 @@ def _flow_rows(windows: Sequence[Windows], values: Values) -> tuple[FloatArray, 
     return np.concatenate(inputs), np.concatenate([w.motion - w.swelling / beta for w in windows])
 
 
-def _friction_network(case: Case, values: Values) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
+def _friction_network(setup: Setup, values: Values) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
     """Network of the friction over speed, beside Coulomb and viscous friction."""
-    speed, force = case.friction.speed, case.friction.force
+    speed, force = setup.friction.speed, setup.friction.force
     if speed.size < 40:
         raise LogError(
             f"only {speed.size} rows of friction can be had from the logs",
@@ -148,7 +148,7 @@ def _friction_network(case: Case, values: Values) -> tuple[ScaledNetwork, list[d
             "--friction mlp.",
         )
     held = (np.arange(speed.size) // 20) % 4 == 3
-    net = _train(speed[~held, None], force[~held], _HIDDEN["friction"], case.request.seed)
+    net = _train(speed[~held, None], force[~held], _HIDDEN["friction"], setup.request.seed)
     v, f = speed[held], force[held]
     edge = 0.1 * float(np.quantile(np.abs(speed), 0.95))
     errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
@@ -169,7 +169,7 @@ def _compare(
     return out
 
 
-def flow_curve(case: Case, parameters: Mapping[str, Value]) -> PhysicsView | None:
+def flow_curve(setup: Setup, parameters: Mapping[str, Value]) -> PhysicsView | None:
     """Flow of a chamber over the command by the equations, and what was measured beside it.
 
     A file with a network of the flow shows that as well, and the equations without a dead zone,
@@ -179,8 +179,8 @@ def flow_curve(case: Case, parameters: Mapping[str, Value]) -> PhysicsView | Non
     flow of a window exceeds that of the equations at its own pressure by. ``None`` where no window
     has a steady command.
     """
-    chamber, values = case.chambers[0], scalars(parameters)
-    windows = [w for w in _quiet_windows(case) if w.chamber == chamber]
+    chamber, values = setup.chambers[0], scalars(parameters)
+    windows = [w for w in _quiet_windows(setup) if w.chamber == chamber]
     if not windows:
         return None
     inputs, flow = _flow_rows(windows, values)
@@ -197,7 +197,7 @@ def flow_curve(case: Case, parameters: Mapping[str, Value]) -> PhysicsView | Non
     level = np.where(command >= 0.0, *middle)
 
     def equations(u: FloatArray, p: FloatArray, **changed: float) -> FloatArray:
-        return np.real(chamber_flow(chamber, u, p, {**values, **changed}, case.machine))
+        return np.real(chamber_flow(chamber, u, p, {**values, **changed}, setup.machine))
 
     curves = [Curve("valve and line", command, equations(command, level))]
     if net is not None:

@@ -20,32 +20,32 @@ from ...family import Quantity
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import LOSSES
 from ...specification import STEP
-from .case import Case
+from .setup import Setup
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
 
 
-def flow_unknowns(case: Case) -> dict[str, Unknown]:
+def flow_unknowns(setup: Setup) -> dict[str, Unknown]:
     """Sizes and search ranges of the parameters of the flow."""
-    head = case.machine.supply - case.machine.tank
-    volts = max(float(np.abs(w.command).max()) for w in case.windows)
+    head = setup.machine.supply - setup.machine.tank
+    volts = max(float(np.abs(w.command).max()) for w in setup.windows)
     if volts == 0.0:
         raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
     sizes = {  # typical one, and the ends of the range
         "dead_zone_negative": (0.05 * volts, -0.95 * volts, 0.0),
         "dead_zone_positive": (0.05 * volts, 0.0, 0.95 * volts),
     }
-    for chamber in case.chambers:
-        flows = [np.abs(w.motion) for w in case.windows if w.chamber == chamber]
+    for chamber in setup.chambers:
+        flows = [np.abs(w.motion) for w in setup.windows if w.chamber == chamber]
         flow = max(float(np.quantile(np.concatenate(flows), 0.98)) if flows else 0.0, 1e-12)
         gain = flow / (volts * np.sqrt(0.5 * head))
         sizes[f"valve_gain_{chamber}"] = (gain, 1e-4 * gain, 1e4 * gain)
         sizes |= dict.fromkeys(LOSSES[chamber], (0.3 * head / flow, 0.0, 2.0 * head / flow))
-        if case.machine.dead_volume(chamber) is not None:
+        if setup.machine.dead_volume(chamber) is not None:
             sizes["bulk_modulus"] = (1e9, 1e7, 1e11)
     scales = {n: scale for n, (scale, _, _) in sizes.items()}
     limits = {n: (low, high) for n, (_, low, high) in sizes.items()}
-    return make_unknowns(case.variant.parameters, (*sizes,), scales, case.request, limits)
+    return make_unknowns(setup.variant.parameters, (*sizes,), scales, setup.request, limits)
 
 
 def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
@@ -56,33 +56,33 @@ def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
             if n.startswith(kind)}  # fmt: skip
 
 
-def not_shown(case: Case) -> list[Refusal]:
+def not_shown(setup: Setup) -> list[Refusal]:
     """Parameters of a direction in which the valve is never opened, or only wide open."""
-    levels = np.concatenate([w.mean_command for w in case.windows])
+    levels = np.concatenate([w.mean_command for w in setup.windows])
     out: dict[str, str] = {}
     near = 0.25 * float(np.abs(levels).max())
     for way, (sign, word) in enumerate(((1.0, "positive"), (-1.0, "negative"))):
         side, edge = sign * levels[sign * levels > 0.0], f"dead_zone_{word}"
         if not side.size:
             reason = f"no usable part of the logs has a {word} command."
-            out |= dict.fromkeys([edge, *(LOSSES[c][way] for c in case.chambers)], reason)
+            out |= dict.fromkeys([edge, *(LOSSES[c][way] for c in setup.chambers)], reason)
             continue
         if side.min() > near:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out[edge] = reason
-        for c in case.chambers:
-            own = [sign * w.mean_command for w in case.windows if w.chamber == c]
+        for c in setup.chambers:
+            own = [sign * w.mean_command for w in setup.windows if w.chamber == c]
             size = np.concatenate([u[u > 0.0] for u in own]) if own else side[:0]
             if size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05):
                 reason = f"all {word} commands are the same: gain and loss cannot be told apart."
                 out[LOSSES[c][way]] = reason
-    return [Refusal(n, reason) for n, reason in out.items() if n not in case.request.fixed]
+    return [Refusal(n, reason) for n, reason in out.items() if n not in setup.request.fixed]
 
 
-def fit_flow(case: Case, lenient: bool) -> Fitted:
+def fit_flow(setup: Setup, lenient: bool) -> Fitted:
     """Regression of the flow over windows; ``lenient`` accepts any interval, for a start."""
-    windows, unknowns = case.windows, flow_unknowns(case)
+    windows, unknowns = setup.windows, flow_unknowns(setup)
     names = tuple(unknowns)
 
     def columns(index: int, values: Values) -> Basis:
@@ -91,7 +91,7 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
 
     model = NamedModel(
         names, (), columns, [w.motion for w in windows],
-        weights=[1.0 / case.machine.area(w.chamber) for w in windows],
+        weights=[1.0 / setup.machine.area(w.chamber) for w in windows],
     )  # fmt: skip
     starts = []
     for loss, edge in ((0.0, 0.2), (1.0, 0.2), (0.0, 8.0)):
@@ -102,28 +102,28 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
     if lenient:
         sensible = dict.fromkeys(names, np.inf)
     return fit_named(
-        model, case.variant.parameters, case.request, unknowns, starts,
-        refusals=not_shown(case), sensible=sensible,
+        model, setup.variant.parameters, setup.request, unknowns, starts,
+        refusals=not_shown(setup), sensible=sensible,
     )  # fmt: skip
 
 
-def directional_gains(case: Case, values: Values) -> dict[str, Quantity]:
+def directional_gains(setup: Setup, values: Values) -> dict[str, Quantity]:
     """Gain of every chamber from the windows of one direction, all else as fitted."""
     return {
         f"valve_gain_{chamber}_{word}": gain
-        for chamber in case.chambers
+        for chamber in setup.chambers
         for sign, word in ((1.0, "extending"), (-1.0, "retracting"))
-        if (gain := _gain(case, values, chamber, sign)) is not None
+        if (gain := _gain(setup, values, chamber, sign)) is not None
     }
 
 
-def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | None:
+def _gain(setup: Setup, values: Values, chamber: int, sign: float) -> Quantity | None:
     """One Gauss-Newton step from the common gain, to which the flow is nearly proportional."""
     name = f"valve_gain_{chamber}"
     moved = {**values, name: values[name] * (1.0 + 1j * STEP)}
     pairs = [
         (w.modelled(moved)[chosen], w.motion[chosen])
-        for w in case.windows
+        for w in setup.windows
         if w.chamber == chamber and (chosen := sign * w.mean_command > 0.0).any()
     ]
     slopes = [np.imag(model) / STEP for model, _ in pairs]
@@ -147,17 +147,17 @@ def _proportional(
     return found.values["factor"], found.std_error("factor"), found.degrees
 
 
-def fit_friction(case: Case) -> tuple[Solved, list[Notice]]:
+def fit_friction(setup: Setup) -> tuple[Solved, list[Notice]]:
     """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
-    rows, fixed = case.friction, case.request.fixed
+    rows, fixed = setup.friction, setup.request.fixed
     v, f = rows.speed[rows.moving], rows.force[rows.moving]
     f = f - FrictionLaw.of({n: fixed.get(n, 0.0) for n in STRIBECK}).moving(v)
     both = (v > 0.0).any() and (v < 0.0).any()
     size = max(float(np.abs(f).max()), 1e-300)
     scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
     sensible = {n: 0.5 * s for n, s in scales.items()}
-    specs = {s.name: s for s in case.variant.parameters if s.name in scales}
-    limits = {n: case.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
+    specs = {s.name: s for s in setup.variant.parameters if s.name in scales}
+    limits = {n: setup.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
     columns = {"viscous": v, "coulomb": np.sign(v), "offset": np.ones(v.size)}
     balance = Balance(columns, f, np.ones(v.size, dtype=bool), timed=rows.in_time)
     model = RegressionModel(lambda _: [balance])
@@ -173,9 +173,9 @@ def fit_friction(case: Case) -> tuple[Solved, list[Notice]]:
     return solved, end.notices
 
 
-def friction_levels(case: Case) -> dict[str, Quantity]:
+def friction_levels(setup: Setup) -> dict[str, Quantity]:
     """Mean friction in either direction, signed [N]."""
-    out, rows = {}, case.friction
+    out, rows = {}, setup.friction
     for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
         chosen = rows.force[rows.moving & (sign * rows.speed > 0.0)]
         if chosen.size >= 2:

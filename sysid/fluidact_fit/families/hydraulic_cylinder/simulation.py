@@ -16,10 +16,10 @@ from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import Machine
-from .case import check_volumes, read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command
 from .gray_search import GrayProblem, solve_gray_box
 from .options import HydraulicCylinderOptions
+from .setup import check_volumes, read_machine
 from .windows import cut_windows, mean_flow
 
 _NAME = "hydraulic-cylinder"

@@ -12,7 +12,7 @@ import fluidact_fit as ff
 from fluidact_fit.errors import LogError, ParameterFileError, UnitError, UsageError
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, read_log
-from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
+from fluidact_fit.logs.exclusions import find_in_name, parse_constant, parse_exclusion
 from fluidact_fit.recall import recall_columns
 from fluidact_fit_cli.main import run
 from fluidact_fit_cli.options import read_logs

@@ -68,7 +68,7 @@ def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> l
     return weights
 
 
-def beyond_notice(known: bool) -> Notice:
+def unmodelled_forces_notice(known: bool) -> Notice:
     """Warn of forces that the model does not know.
 
     Where the speed of a curve is not ``known``, friction that falls is one of them.

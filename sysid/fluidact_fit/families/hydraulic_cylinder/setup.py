@@ -41,7 +41,7 @@ class FrictionRows:
 
 
 @dataclass(frozen=True)
-class Case:
+class Setup:
     """Data that a fit works on, as far as they were recorded.
 
     ``machine`` is without what the stage of the fit leaves aside, ``chambers`` are those whose
@@ -142,11 +142,11 @@ def _paired_plateaus(windows: Sequence[Windows], machine: Machine) -> FrictionRo
     return FrictionRows(*np.array(pairs).reshape(-1, 2).T)
 
 
-def make_case(
+def make_setup(
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[HydraulicCylinderOptions],
-) -> Case:
+) -> Setup:
     """Put together what a fit begins with.
 
     Raises
@@ -168,7 +168,7 @@ def make_case(
     check_volumes(machine, experiments)
     shortest = _FEWEST * max(e.sample_time for e in experiments)
     window = request.options.window or max(_WINDOW, shortest)
-    return Case(variant, experiments, request, machine, chambers, window)
+    return Setup(variant, experiments, request, machine, chambers, window)
 
 
 def _check_pressures(machine: Machine, experiments: Sequence[Experiment]) -> None:
