@@ -1,6 +1,6 @@
-"""Numbers that no actuator has: given in another unit than SI, or of the other sign.
+"""Numbers that no actuator has: given in another unit than SI, or with the other sign.
 
-A value is judged by its unit alone. What is doubtful stands before the words of a refusal, and in a
+A value is judged by its unit alone. An implausible one is named at the start of a refusal, or in a
 warning where the fit went through.
 """
 
@@ -34,17 +34,18 @@ def find_implausible(
     variant: Variant,
     runs: Sequence[Experiment],
 ) -> list[Cause]:
-    """Given numbers and columns that are out of all proportion, with what mends them."""
+    """Find given numbers and columns that are out of all proportion, each with its remedy."""
     return [*_given(family, options), *_measured(variant, runs), *_pressures(variant, runs)]
 
 
 def implausible_notices(causes: Sequence[Cause]) -> list[Notice]:
-    """The same as warnings of a fit that went through."""
+    """Turn them into warnings of a fit that went through."""
     return [Notice("implausible-number", f"{c.words.removesuffix(', and')}. {c.remedy}")
             for c in causes]  # fmt: skip
 
 
 def _given(family: Family[FamilyOptions], options: FamilyOptions) -> Iterator[Cause]:
+    """Yield options whose number is out of all proportion in SI."""
     for option in describe(family.options_type):
         value = getattr(options, option.name.replace("-", "_"))
         if option.unit == "Pa" and value is not None and 0.0 < value < policy.LEAST_GIVEN:
@@ -67,7 +68,7 @@ def _given(family: Family[FamilyOptions], options: FamilyOptions) -> Iterator[Ca
 
 
 def _measured(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
-    """Columns that were taken in metres, or metres per second, and cannot be."""
+    """Yield columns taken as metres, or metres per second, that cannot be in that unit."""
     for role in variant.roles:
         signals = [e.signals[role.name] for e in runs if role.name in e]
         known = [s for s in signals if s.unit in _MEASURED and s.logged_in in (None, (s.unit, 1.0))]
@@ -84,7 +85,7 @@ def _measured(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
 
 
 def _pressures(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
-    """Chamber pressures that were taken in pascals and cannot be, or that lie below vacuum."""
+    """Yield chamber pressures taken as pascals that cannot be, or that lie below vacuum."""
     for role in variant.roles:
         signals = [e.signals[role.name] for e in runs if role.name in e]
         known = [s for s in signals if s.unit == "Pa"]

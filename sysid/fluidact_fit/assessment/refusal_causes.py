@@ -1,6 +1,6 @@
-"""Causes in a recording why it determines nothing: named before any parameter.
+"""Causes in a recording why nothing can be determined from it: named before any parameter.
 
-Only a refused fit is asked: each of these also occurs in a recording that is right.
+Only refused fits are searched for them: each also occurs in recordings that are right.
 """
 
 from __future__ import annotations
@@ -16,26 +16,27 @@ from ..family import Variant
 from . import policy
 
 _LAGS = range(1, 51)  # samples
-_SPEED = 5  # samples over which a change is taken
+_CHANGE_OVER = 5  # samples
 _CONTROLLED = "If a controller holds a set point, record steps of it, or open the loop."
-_SIDED = ("_positive", "_negative", "_1", "_2")  # ends of names of parameters of one side
+_ONE_SIDED = ("_positive", "_negative", "_1", "_2")  # ends of the names of one-sided parameters
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Cause that precedes the words of a refusal, and the remedy that replaces its own."""
+    """Cause that precedes the text of a refusal, and the remedy that replaces its own."""
 
     words: str
     remedy: str
 
 
 def find_cause(variant: Variant, experiments: Sequence[Experiment]) -> Cause | None:
-    """The first thing that the channels show, ``None`` where they show nothing."""
+    """Find the first cause that the channels show, ``None`` where there is none."""
     timed = [e for e in experiments if e.time.size]
     return next(_causes(variant, timed), None)
 
 
 def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
+    """Yield causes, the most fundamental one first."""
     output = variant.output.name
     if role := variant.leading:
         pairs = [(e[role], e[output]) for e in runs if role in e and output in e]
@@ -66,9 +67,9 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
                 f"'{role}' changes: there seems to be a stop, or a sensor at its limit, and",
                 "Leave that out with --exclude or --window, or record within the stroke.",
             )
-    sided = any(p.name.endswith(_SIDED) for p in variant.parameters)
+    one_sided = any(p.name.endswith(_ONE_SIDED) for p in variant.parameters)
     for role in (r.name for r in variant.driving):
-        times = 1.0 if sided else _asymmetry(runs, role, output)
+        times = 1.0 if one_sided else _asymmetry(runs, role, output)
         if times > policy.SIDES_DIFFER:
             yield Cause(
                 f"'{output}' answers {times:.2g} times as much to one sign of '{role}' as to the "
@@ -88,7 +89,7 @@ def _causes(variant: Variant, runs: Sequence[Experiment]) -> Iterator[Cause]:
 def _pairs(
     runs: Sequence[Experiment], role: str, output: str
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Input and output of the runs that have both at the same samples, and enough of them."""
+    """Input and output of the runs that have both at the same, and enough, samples."""
     both = [(e[role], e[output]) for e in runs if role in e and output in e]
     return [(u, y) for u, y in both if u.size == y.size >= policy.CAUSE_SAMPLES]
 
@@ -96,8 +97,8 @@ def _pairs(
 def leads(first: FloatArray, second: FloatArray) -> bool | None:
     """Return whether the changes of one signal precede those of another; ``None`` where none does.
 
-    By the shortest lag at which they agree about as well as at any: what a signal does again agrees
-    at others, too.
+    The shortest lag decides at which they correlate about as well as at any: a periodic signal
+    correlates at longer ones, too. Both have shape ``(n,)``.
     """
     known = np.isfinite(first) & np.isfinite(second)
     if np.count_nonzero(known) < policy.CAUSE_SAMPLES:
@@ -117,13 +118,13 @@ def leads(first: FloatArray, second: FloatArray) -> bool | None:
 
 
 def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _LAGS) -> FloatArray:
-    """Correlation of two signals of one length, the second so many samples later."""
+    """Correlation of two signals, ``(n,)`` each, the second later by each of the lags."""
     power = float(np.linalg.norm(first) * np.linalg.norm(second)) or 1.0
     return np.array([float(first[: first.size - k] @ second[k:]) / power for k in lags])
 
 
 def _reversed_signs(runs: Sequence[Experiment], role: str, output: str) -> Iterator[Cause]:
-    """An output that moves against an input: in all logs, or in some of them alone."""
+    """Yield an output that moves against an input, in all logs or in some of them."""
     signs = {f"log {e.log + 1} ({e.name.split('#')[0]})": _direction(e, role, output) for e in runs}
     against = [name for name, sign in signs.items() if sign < 0]
     along = [name for name, sign in signs.items() if sign > 0]
@@ -150,16 +151,16 @@ def _direction(e: Experiment, role: str, output: str) -> int:
 
 
 def direction(u: FloatArray, y: FloatArray) -> int:
-    """1 where the output, or its change, follows the input, -1 where it goes against it, else 0.
+    """Return 1 where the output, or its change, follows the input, -1 where it opposes it, else 0.
 
-    The output of a line follows its input; of a mass, the change of the output does. What is
-    nearest to the input counts.
+    The output of a line follows its input; the change of the output of a mass does. Whichever
+    correlates better with the input counts. Both signals have shape ``(n,)``.
     """
     if not u.size == y.size >= policy.CAUSE_SAMPLES:
         return 0
     u, y = u - u.mean(), y - y.mean()
-    speed = y[_SPEED:] - y[:-_SPEED]
-    pairs = ((y, u), (speed, u[: speed.size]))
+    change = y[_CHANGE_OVER:] - y[:-_CHANGE_OVER]
+    pairs = ((y, u), (change, u[: change.size]))
     found = [_correlations(drive, moved, (0, *_LAGS)) for moved, drive in pairs]
     near, other = sorted(found, key=lambda c: -float(np.abs(c).max()))
     for sign in (1, -1):
@@ -191,7 +192,7 @@ def _asymmetry(runs: Sequence[Experiment], role: str, output: str) -> float:
 
 
 def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
-    """True if the output is the input at the very same sample, but for a factor and noise."""
+    """Return whether the output is the input of the same sample, but for a factor and noise."""
     both = [(u, y) for u, y in _pairs(runs, role, output) if np.ptp(u) > 0.0 < np.ptp(y)]
     return bool(both) and all(
         np.corrcoef(u, y)[0, 1] ** 2 > 1.0 - policy.ONE_SIGNAL**2
@@ -201,10 +202,10 @@ def _is_one_signal(runs: Sequence[Experiment], role: str, output: str) -> bool:
 
 
 def _turn(values: FloatArray) -> float:
-    """After what a signal begins again, 0 where it does not.
+    """Size of the jumps by which a counter or angle begins again, 0 where a signal does not.
 
-    Its jumps are all of one size. Without them it goes on beyond its range; what a square wave
-    is without its jumps has hardly any.
+    Its jumps are all of one size, and without them it continues beyond its range. A square wave
+    without its jumps has hardly any range.
     """
     if values.size < policy.CAUSE_SAMPLES:
         return 0.0
@@ -215,40 +216,41 @@ def _turn(values: FloatArray) -> float:
     size = float(np.median(np.abs(steps[far])))
     alike = float(np.ptp(np.abs(steps[far]))) < policy.WRAP_OTHERWISE * span
     small = float(np.abs(steps[~far]).max(initial=0.0)) < policy.WRAP_OTHERWISE * span
-    goes_on = np.cumsum(np.where(far, steps - np.sign(steps) * size, steps))
-    return size if alike and small and np.ptp(goes_on) > policy.WRAP_BEYOND * span else 0.0
+    continued = np.cumsum(np.where(far, steps - np.sign(steps) * size, steps))
+    return size if alike and small and np.ptp(continued) > policy.WRAP_BEYOND * span else 0.0
 
 
 def _at_end(runs: Sequence[Experiment], role: str, output: str) -> tuple[int, float]:
-    """Samples of the output at an end of its range while an input would move it on; the end.
+    """Number of samples of the output at an end of its range while an input pushes on; the end.
 
-    The input changes meanwhile, and beyond what moves the output that way elsewhere: what it does
-    within a dead zone moves nothing.
+    The input changes meanwhile, and pushes harder than where it moves the output elsewhere: within
+    a dead zone its changes move nothing.
     """
     both = _pairs(runs, role, output)
-    pairs = [(u[:-_SPEED], y[:-_SPEED], y[_SPEED:] - y[:-_SPEED]) for u, y in both]
+    n = _CHANGE_OVER
+    pairs = [(u[:-n], y[:-n], y[n:] - y[:-n]) for u, y in both]
     if not pairs:
         return 0, 0.0
-    u, y, speed = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    u, y, change = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     near = max(
         policy.SAME_BAND * float(np.ptp(y)),
         *(policy.SAME_NOISE * noise_floor(values) for _, values, _ in pairs),
     )
-    found = {}
-    for way, end in ((-1.0, float(y.min())), (1.0, float(y.max()))):
+    counts = {}
+    for sign, end in ((-1.0, float(y.min())), (1.0, float(y.max()))):
         there = np.abs(y - end) < near
-        moving = ~there & (way * speed > policy.STOP_MOVING * np.abs(speed).max())
+        moving = ~there & (sign * change > policy.STOP_MOVING * np.abs(change).max())
         if not moving.any():
             continue
-        pushed, count = way * u > np.median(way * u[moving]), 0
+        pushed, count = sign * u > np.median(sign * u[moving]), 0
         edges = np.flatnonzero(np.diff(np.r_[False, there, False].astype(int)))
         for first, stop in zip(edges[::2], edges[1::2], strict=True):
-            # the last samples may be those that the output has not answered yet
-            answered = u[first : max(stop - _SPEED, first + 1)]
+            # the output may not have answered the last samples yet
+            answered = u[first : max(stop - n, first + 1)]
             changes = np.ptp(answered) > policy.STOP_INPUT * np.ptp(u)
             count += int(stop - first) * bool(
                 changes and pushed[first:stop].mean() > policy.STOP_PUSHED
             )
-        found[end] = count
-    end = max(found, key=lambda x: found[x], default=0.0)
-    return found.get(end, 0), end
+        counts[end] = count
+    end = max(counts, key=lambda x: counts[x], default=0.0)
+    return counts.get(end, 0), end

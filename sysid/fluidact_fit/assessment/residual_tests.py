@@ -1,4 +1,4 @@
-"""Tests of residuals by themselves: noise or model error, missed channels, feedback."""
+"""Tests that need residuals only: noise or model error, missed channels, feedback."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from ..outcome import Simulation, sum_of_squares
 from . import policy
 
 _LAGS = 10  # samples before and after, over which input and residual are correlated
-_PAST = 20  # highest order of an autoregression of input or residual
-_SERIES = 50_000  # samples of a run that are correlated
+_ORDER = 20  # highest order of an autoregression of input or residual
+_MOST_SAMPLES = 50_000  # of a run that are correlated
 
 
 def residual_to_noise(
     family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> float | None:
-    """Residual in units of the noise that output and inputs themselves show.
+    """Ratio of the residual to the noise that output and inputs themselves show.
 
-    Near one, the residual is noise. Far above, it is what the model does not describe.
+    Near one, the residual is noise. Far above, it is model error. ``None`` where there is no noise,
+    or too few samples.
     """
     error, floor = 0.0, 0.0
     for s, own in zip(fitted, _noise_through_model(family, solution, fitted)):
@@ -44,7 +45,7 @@ def residual_to_noise(
 def _noise_through_model(
     family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> list[float]:
-    """Mean square that noise of the inputs adds to the residual of every run."""
+    """Mean square that noise of the inputs adds to the residual of every run [output unit^2]."""
     if not solution.noise.inputs:
         return [0.0] * len(fitted)
     runs, rng = [s.experiment for s in fitted], np.random.default_rng(0)
@@ -56,7 +57,7 @@ def _noise_through_model(
 def judge_channels(
     family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> tuple[dict[str, Any], list[Notice]]:
-    """Judge the channels beside the output: entries for the file, and warnings."""
+    """Judge the channels besides the output: entries for the file, and a warning."""
     table: dict[str, Any] = {}
     missed = []
     for role in dict.fromkeys(role for s in fitted for role in s.also):
@@ -80,9 +81,10 @@ def judge_channels(
 def _judge_channel(
     pairs: Sequence[tuple[FloatArray, FloatArray]], unknowns: int, code: float
 ) -> dict[str, Any] | None:
-    """Residual of a channel over all runs, in its unit and in its noise, no less than ``code``.
+    """Residual of a channel over all runs, in its unit and relative to its noise.
 
-    At rest the error of a converter lasts, and no difference shows it.
+    The noise is at least ``code``, the standard deviation of the error of the converter: at rest
+    that error persists, and no difference shows it. ``None`` where there are too few samples.
     """
     error, floor, residuals = 0.0, 0.0, []
     for measured, simulated in pairs:
@@ -103,9 +105,9 @@ def _judge_channel(
 
 
 def _noise(measured: FloatArray, residual: FloatArray) -> float:
-    """Noise of a channel: what does not hang together, the steps of a converter included.
+    """Standard deviation of the noise of a channel, the steps of a converter included.
 
-    What is left of fast motion in differences of the channel is not in those of the residual.
+    Differences of the residual are free of the fast motion that differences of the channel contain.
     """
     return max(
         noise_floor(residual, robust=True),
@@ -132,7 +134,7 @@ def _channel_notice(
 
 
 def reversed_gains(variant: Variant, solution: Solution[FamilyOptions]) -> Iterator[Notice]:
-    """Name an output that falls as an input rises: a machine that reverses it, or a sign."""
+    """Report an output that falls as an input rises: a reversing machine, or a wrong sign."""
     output, inputs = variant.output.name, [r.name for r in variant.driving]
     for spec in variant.parameters:
         if not spec.ratio:
@@ -151,13 +153,17 @@ def find_feedback(
     solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
 ) -> tuple[dict[str, Any], list[Notice]]:
-    """Correlation of the residual with the input before and after it.
+    """Correlate the residual with the input before and after it, to find feedback.
 
     Both are whitened first (Box and Jenkins). A residual that follows the input shows dynamics that
-    the model lacks; an input that follows the residual, feedback. What the model lacks correlates
-    with the future of a predictable input (a chirp) as well, so feedback is only what is stronger
-    on its own side. An input that answers within the sample is feedback where the model answers it
-    later. Noise of an input that the solution allows for is in the residual as well.
+    the model lacks; an input that follows the residual shows feedback. Missing dynamics correlate
+    with the future of a predictable input (a chirp) as well, so feedback has to be the stronger of
+    the two. Correlation within the sample is feedback where the model answers its input later.
+    Noise of an input that the solution allows for is in the residual as well.
+
+    Returns
+    -------
+    Entries for the file by role, and warnings.
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []
@@ -173,15 +179,15 @@ def find_feedback(
         noisy = role in solution.noise.inputs
         strong = not noisy or abs(now[0]) > policy.FEEDBACK_BY_NOISE * count
         at_once = strong and _is_feedback(now, past, count)
-        tried = at_once or _is_feedback(future, past, count)
-        answer = _answer(solution, fitted, role) if tried else True
-        if answer is None:
+        suspected = at_once or _is_feedback(future, past, count)
+        answers_at_once = _answers_at_once(solution, fitted, role) if suspected else True
+        if answers_at_once is None:
             continue  # the model does not use it
-        if at_once and not answer:
+        if at_once and not answers_at_once:
             future = np.append(now, future)
         elif noisy:
             continue
-        elif at_once:  # noise of the input, which whitening it spreads over later samples
+        elif at_once:  # noise of the input, which whitening spreads over later samples
             past = np.append(now, past)
         first = _LAGS + 1 - future.size
         table[role] = {
@@ -194,19 +200,20 @@ def find_feedback(
 
 
 def _is_feedback(future: FloatArray, past: FloatArray, count: int) -> bool:
-    alone = np.abs(future).max() > policy.ONE_SIDED * np.abs(past).max()
-    return bool(alone) and _significance(future / sqrt(count)) < policy.CHANCE
+    """Return whether sums of ``count`` products with the future are no chance, and dominate."""
+    one_sided = np.abs(future).max() > policy.ONE_SIDED * np.abs(past).max()
+    return bool(one_sided) and _significance(future / sqrt(count)) < policy.CHANCE
 
 
-def _answer(
+def _answers_at_once(
     solution: Solution[FamilyOptions], fitted: Sequence[Simulation], role: str
 ) -> bool | None:
     """Return whether the model answers an input within the sample; ``None`` where it never does.
 
-    Tried is the far end of the range: a motion state has no other values.
+    One sample is moved to the far end of the range: a motion state has no other values.
     """
-    recorded = [one for one in fitted if _is_recorded(one, role)]
-    s = max(recorded, key=lambda one: one.experiment.samples)
+    recorded = [run for run in fitted if _is_recorded(run, role)]
+    s = max(recorded, key=lambda run: run.experiment.samples)
     values, k = s.experiment[role], s.experiment.samples // 2
     low, high = float(values.min()), float(values.max())
     other = values.copy()
@@ -220,19 +227,19 @@ def _answer(
 
 
 def _is_recorded(run: Simulation, role: str) -> bool:
-    """Return whether a role has a sample beside every one of the output: no known step has."""
+    """Return whether a role was sampled with the output: a step given by the user was not."""
     signals = run.experiment.signals
     return role in signals and signals[role].time.size == run.measured.size
 
 
 def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:
-    """Innovations of input and residual, of unit variance; None when one has none.
+    """Innovations of input and residual, of unit variance; ``None`` where one has none.
 
-    Samples that the model leaves out at the beginning, within a dead time, are left out here.
+    Samples that the model does not describe at the beginning, within a dead time, are left out.
     """
     if not _is_recorded(run, role):
         return None
-    residual = np.asarray(run.residual[:_SERIES])
+    residual = np.asarray(run.residual[:_MOST_SAMPLES])
     known = np.flatnonzero(np.isfinite(residual))
     first = int(known[0]) if known.size else 0
     residual = residual[first:]
@@ -241,8 +248,8 @@ def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | Non
     out = []
     for series in (run.experiment[role][first : first + residual.size], residual):
         centred = series - series.mean()
-        a, variance = fit_autoregression([centred], _PAST)
-        innovation = innovations(centred, a)[_PAST - a.size :]
+        a, variance = fit_autoregression([centred], _ORDER)
+        innovation = innovations(centred, a)[_ORDER - a.size :]
         spread = float(innovation.std())
         if spread <= 1e-4 * float(centred.std()) or spread == 0.0 or variance <= 0.0:
             return None

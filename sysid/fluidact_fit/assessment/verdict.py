@@ -1,4 +1,8 @@
-"""Verdict on a fit, and its reasons."""
+"""Verdict on a fit, and its reasons.
+
+A warning turns ``pass`` into ``warn`` by its severity (:mod:`.notices`); what makes a fit fail, or
+adds reasons of its own, stands here.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from .refusal_causes import Cause
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
-    """Ljung-Box test of the residuals of all runs."""
+    """Ljung-Box test of the residuals of all runs, with that many ``unknowns`` fitted."""
     return whiteness([all_of(s.residual, where_finite(s.residual)) for s in fitted], unknowns)
 
 
@@ -27,11 +31,21 @@ def judge(
     cause: Cause | None = None,
     given: str = "",
 ) -> tuple[str, list[Notice]]:
-    """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices.
+    """Return the verdict, ``pass``, ``warn`` or ``fail``, and its reasons as notices.
 
-    A fit fails where it explains less than half of the variance of the output, unless what is left
-    is the noise of the output and nothing else: white, and no larger than that noise. ``cause`` is
-    what the logs show that may be why it failed, ``given`` are options that may be.
+    A fit fails where it explains less than half of the variance of the output, unless its residual
+    is white and no larger than the noise of the output.
+
+    Parameters
+    ----------
+    overall
+        Agreement of all runs together.
+    notices
+        Notices given so far.
+    residual_to_noise, white
+        As :func:`.residual_tests.residual_to_noise` and :func:`residual_whiteness` give them.
+    cause, given
+        Possible cause of a failure in the logs, and options of the user that may be one.
     """
     ratio = residual_to_noise or 0.0
     structured = white is not None and white.p_value < policy.STRUCTURED
