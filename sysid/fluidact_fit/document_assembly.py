@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .assessment import (
-    Examined,
+    Examination,
     Outlier,
     examine,
     find_cause,
@@ -76,8 +76,8 @@ class FitContext:
         return [replace(s, level=level) for s in found]
 
     @cached_property
-    def examined(self) -> Examined:
-        """Examination by the derivatives of the fit; they themselves are not kept."""
+    def examination(self) -> Examination:
+        """Examination of the fit; the derivatives that it needs are not kept."""
         return examine(self.family, self.variant, self.solution, self.fitted, self.declared)
 
     @cached_property
@@ -107,7 +107,7 @@ def make_parameter_document(
     fitted = found.fitted
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
-    details, warned = found.examined.details, found.examined.notices
+    details, warned = found.examination.details, found.examination.notices
     if found.outliers:
         details = {**details, "outliers": [o.entry for o in found.outliers]}
         warned = [*warned, outlier_notice(found.outliers)]

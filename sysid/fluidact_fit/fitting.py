@@ -521,7 +521,7 @@ def _without_outliers(found: FitContext) -> FitContext:
     now, samples = found, sum(e.samples for e in found.experiments)
     for _ in range(_ROUNDS + 1):
         found.request.progress("examining the fit")
-        more = now.examined.outliers
+        more = now.examination.outliers
         if more is None:
             return found
         gone = tuple({o.reading: o for o in (*now.outliers, *more)}.values())

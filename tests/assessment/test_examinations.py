@@ -52,7 +52,7 @@ def optimum_of(result):
 
 def deciding_samples(at):
     """Samples that the result hangs on."""
-    return find_deciding_samples(at, measure_influence(at.jacobians, at.residuals, at.errors))
+    return find_deciding_samples(at, measure_influence(at.jacobians, at.residuals, at.std_errors))
 
 
 def codes(result):

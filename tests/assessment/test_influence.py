@@ -24,13 +24,13 @@ def test_every_sample_is_looked_at(block, place, monkeypatch):
         others = np.arange(500) != k
         shifts.append(-np.linalg.lstsq(j[others], r[others], rcond=None)[0] / known)
     size = np.abs(shifts)
-    assert found.most == pytest.approx(size.max(), rel=1e-9)
+    assert found.largest_influence == pytest.approx(size.max(), rel=1e-9)
     hat = np.einsum("ij,jk,ik->i", j, np.linalg.inv(j.T @ j), j)
-    assert found.leverage == pytest.approx(hat.max(), rel=1e-9)
+    assert found.largest_leverage == pytest.approx(hat.max(), rel=1e-9)
     outlying = [300 * e.series + e.row for e in found.effects if e.outlying]
     assert outlying == [place]
     (effect,) = (e for e in found.effects if e.outlying)
-    assert effect.errors == pytest.approx(shifts[place][effect.parameter], rel=1e-9)
+    assert effect.standard_errors == pytest.approx(shifts[place][effect.parameter], rel=1e-9)
     assert [x.size for x in found.odd] == [int(place < 300), int(place >= 300)]
     assert np.concatenate((found.odd[0], 300 + found.odd[1])).tolist() == [place]
 

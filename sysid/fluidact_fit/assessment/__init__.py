@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .examination import Examined, examine
+from .examination import Examination, examine
 from .implausible import find_implausible
 from .influence import Outlier, most_outliers, outlier_notice, set_aside
 from .refusal_causes import Cause, direction, find_cause, leads
@@ -10,7 +10,7 @@ from .verdict import judge, residual_whiteness
 
 __all__ = [
     "Cause",
-    "Examined",
+    "Examination",
     "Outlier",
     "direction",
     "examine",

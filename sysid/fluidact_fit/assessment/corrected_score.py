@@ -1,7 +1,7 @@
 """Corrected score: regression of the residual without what noise of a measured input adds.
 
-Noise of an input is in the residual and in every derivative of the output, whose products then have
-a mean. That which a draw of the same noise adds is taken away [1]_. Derivation:
+Noise of an input is in the residual and in every derivative of the output, so their products have a
+nonzero mean. What another draw of the same noise adds to them is subtracted [1]_. Derivation:
 ``docs/theory/score-test.md``.
 
 References
@@ -28,25 +28,25 @@ from ..outcome import Simulation
 from .noise_treatment import TermRegression, solve_triangle
 from .optimum import Optimum, make_optimum
 
-_DRAWS = 3  # of the noise
-_HEAD = 8  # part of a run that is left out at most while a filter settles
-_ROWS = 30_000  # of every run, of which so many copies are made
+_DRAWS = 3  # of the noise, each a copy of all runs
+_HEAD = 8  # one over the largest share of a run that is left out while a filter settles
+_ROWS = 30_000  # of every run that is copied
 
 
 @dataclass(frozen=True)
 class Products:
-    """Products of columns ``(J, further ones, r)``, shape ``(m, m)`` each.
+    """Products of columns ``(J, further columns, r)``, shape ``(m, m)`` each.
 
     Attributes
     ----------
     recorded
         Of the recording, as whitened.
     added
-        What every draw of the noise adds to them.
+        Increase of the products by every draw of the noise.
     relative
-        Standard error of the power of the noise, in parts of it.
+        Relative standard error of the power of the noise.
     rows
-        Of the recording.
+        Number of rows of the recording.
     """
 
     recorded: FloatArray
@@ -55,41 +55,43 @@ class Products:
     rows: int
 
     @property
-    def finite(self) -> bool:
-        """Return whether all numbers are, and the recording has something of every column."""
+    def is_finite(self) -> bool:
+        """Return whether all numbers are finite, and no column of the recording is zero."""
         known = all(bool(np.isfinite(x).all()) for x in (self.recorded, *self.added))
         return known and bool(np.all(np.diag(self.recorded)[:-1] > 0.0))
 
     @cached_property
-    def _left(self) -> tuple[FloatArray, bool]:
+    def _without_noise(self) -> tuple[FloatArray, bool]:
         """Products of the columns without the noise, and whether some are all noise."""
         added = [a[:-1, :-1] for a in self.added]
         return left_information(self.recorded[:-1, :-1], added, self.relative)
 
     @property
     def weak(self) -> bool:
-        """Return whether nothing can be said of some direction of the columns for the noise."""
-        return self._left[1]
+        """Return whether noise hides some direction of the columns completely."""
+        return self._without_noise[1]
 
     @cached_property
     def triangle(self) -> FloatArray:
         """Triangular decomposition of all columns, as it would be without the noise."""
         clean = self.recorded - np.mean(self.added, axis=0)
-        clean[:-1, :-1], clean[-1, -1] = self._left[0], self.recorded[-1, -1]
+        clean[:-1, :-1], clean[-1, -1] = self._without_noise[0], self.recorded[-1, -1]
         size = np.sqrt(np.maximum(np.diag(clean), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(clean / np.outer(size, size))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size
         return np.asarray(np.linalg.qr(root, mode="r"))
 
     def covariance(self, x: FloatArray) -> FloatArray:
-        """Covariance of sizes ``x`` of the columns, ``(m - 1, m - 1)``.
+        """Covariance ``(m - 1, m - 1)`` of the sizes ``x`` of the columns, shape ``(m - 1,)``.
 
-        The noise in the columns widens it, the few draws do, and what is not known of its power.
+        Noise in the columns, the small number of draws, and the uncertain power of the noise all
+        add to it.
         """
         whole, cross = self.recorded[:-1, :-1], self.recorded[:-1, -1]
         left = float(self.recorded[-1, -1] - 2.0 * x @ cross + x @ whole @ x)
-        size = np.sqrt(np.diag(self._left[0]))
-        inverse = np.linalg.inv(self._left[0] / np.outer(size, size)) / np.outer(size, size)
+        clean = self._without_noise[0]
+        size = np.sqrt(np.diag(clean))
+        inverse = np.linalg.inv(clean / np.outer(size, size)) / np.outer(size, size)
         steps = np.array([inverse @ (a[:-1, -1] - a[:-1, :-1] @ x) for a in self.added])
         bias = steps.mean(axis=0)
         covariance = left / max(self.rows - x.size, 1) * inverse @ whole @ inverse
@@ -99,15 +101,15 @@ class Products:
 
 @dataclass(frozen=True)
 class CorrectedScore:
-    """Corrected score of a fit with noisy inputs, and how its series belong together.
+    """Corrected score of a fit with noisy inputs.
 
-    The first ones are those of the recording, as many as there are ``filters``; then come those
-    of the copies, each with a draw of the noise added.
+    The first series are those of the recording, as many as there are ``filters``; then follow
+    those of the copies, each with a draw of the noise added.
 
     Attributes
     ----------
     filters
-        What whitens the residual of every series of the recording.
+        Filters that whiten the residual of every series of the recording.
     relative
         As in :class:`Products`.
     jacobians, residuals
@@ -122,14 +124,14 @@ class CorrectedScore:
     def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
         """As of :class:`.NoiseTreatment`."""
         found = self.products(columns)
-        return (found.triangle, found.rows) if found.finite else None
+        return (found.triangle, found.rows) if found.is_finite else None
 
     def regress(
         self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
     ) -> TermRegression | None:
         """As of :class:`.NoiseTreatment`; the error allows for noise in the columns."""
         products = self.products(columns)
-        if not products.finite or products.weak:
+        if not products.is_finite or products.weak:
             return None
         found = solve_triangle(products.triangle, products.rows)
         if found is None or not found.distinct:
@@ -138,7 +140,7 @@ class CorrectedScore:
         return replace(found, error=float(np.sqrt(products.covariance(x)[-1, -1])))
 
     def products(self, columns: Sequence[FloatArray]) -> Products:
-        """Products of columns ``(n_i,)`` or ``(n_i, q)`` of all series beside the others."""
+        """Products of columns ``(n_i,)`` or ``(n_i, q)`` with the derivatives and residuals."""
         count, p = len(self.filters), self.jacobians[0].shape[1]
         white = [
             np.column_stack((known[:, :p], self._whiten(k, c), known[:, p:]))
@@ -157,11 +159,12 @@ class CorrectedScore:
 
     def _whiten(self, series: int, rows: FloatArray) -> FloatArray:
         k = series % len(self.filters)
-        return without(self._free[k], self.filters[k].filter(rows.reshape(rows.shape[0], -1)))
+        white = self.filters[k].filter(rows.reshape(rows.shape[0], -1))
+        return without(self._free_responses[k], white)
 
     @cached_property
-    def _free(self) -> list[FloatArray]:
-        """Free responses of every filter's process, and a level, as the filter leaves them."""
+    def _free_responses(self) -> list[FloatArray]:
+        """Orthonormal basis of the filtered free responses and level of every filter's process."""
         out = []
         for f, r in zip(self.filters, self.residuals):
             start = run_recursion(np.eye(r.size, f.coefficients.size), f.coefficients)
@@ -173,11 +176,11 @@ def _product(tables: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(sum(t.T @ t for t in tables))
 
 
-def beside_copies(at: Optimum) -> Optimum:
-    """The fit over a recording and its copies; itself where its inputs are exact.
+def with_noise_copies(at: Optimum) -> Optimum:
+    """Return the fit over a recording and its copies; unchanged where its inputs are exact.
 
-    One that was estimated with instruments has those to tell noise by. Where a score was corrected
-    for the noise, the output alone was compared.
+    A fit with instruments is returned unchanged, too: they show the noise. Where a score was
+    corrected for the noise, only the output was compared.
     """
     if not at.solution.noise.inputs or at.instruments:
         return at
@@ -202,10 +205,10 @@ def beside_copies(at: Optimum) -> Optimum:
 
 
 def whitened(at: Optimum) -> Optimum:
-    """The fit as its score was corrected for noise of inputs: residuals and derivatives white.
+    """Return the fit with residuals and derivatives whitened as its corrected score has them.
 
-    Itself where inputs are exact or stand-ins tell their noise. Left out are the first rows, in
-    which the filter settles: the level and the state that a run began with fit them as they like.
+    It is unchanged where inputs are exact or the fit has instruments. The first rows, in which the
+    filter settles, are left out: the level and initial state of a run can fit them freely.
     """
     if not at.solution.noise.inputs or at.instruments:
         return at
@@ -225,7 +228,7 @@ def _filters(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[Whiteni
 
 
 def _draws(at: Optimum) -> list[list[Experiment]]:
-    """All runs, with noise added once for every draw."""
+    """Copies of all runs with noise added to their inputs, one list for each draw."""
     inputs = at.solution.noise.inputs
     return [
         with_noise(at.experiments, inputs, np.random.default_rng(seed)) for seed in range(_DRAWS)
@@ -233,9 +236,9 @@ def _draws(at: Optimum) -> list[list[Experiment]]:
 
 
 def _response(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[FloatArray]:
-    """Response of the output to every draw of the noise, from rest."""
+    """Response of the output of every run to every draw of the noise, from rest, ``(n_i,)``."""
     output, count = at.variant.output.name, len(at.experiments)
     runs = [*at.experiments, *(run for draw in draws for run in draw)]
-    # what is not compared with a record begins at rest
+    # a run without a recorded output is simulated from rest
     found = at.family.simulate(at.plant, [e.without(output) for e in runs])
     return [s.output - found[k % count].output for k, s in enumerate(found)][count:]

@@ -1,13 +1,13 @@
-"""The examination of a finished fit: every test, one after the other, for whatever fitted it.
+"""The examination of a finished fit: every test, in order, whichever estimator made the fit.
 
-Its warnings, all others, and how well the model fits make the verdict (:mod:`.verdict`). To test a
-fit for one more term, add it to the table (:mod:`.terms`); to add another kind of test, add it
-here; every threshold stands in :mod:`.policy`.
+Its warnings, those given before, and the quality of the fit make the verdict (:mod:`.verdict`). To
+test every fit for one more term, add it in :mod:`.terms`; to add another kind of test, add it here.
+Thresholds stand in :mod:`.policy`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,22 +34,23 @@ from .residual_tests import (
 from .score_test import find_missing_response
 from .sensitivity_to_given import find_conditional, find_reliance
 
-_EXAMINATIONS = {
+_TESTS_OF_DERIVATIVES = {
     "independence": find_independent_samples,
     "parts": find_disagreeing_halves,
     "missing_response": find_missing_response,
     "given": find_reliance,
     "conditional": find_conditional,
 }
-_TELL_MORE = ("unmodelled-response", "halves-disagree")
-_TOLD_BY_THEM = ("errors-change-slowly", "timing-matters")  # causes or effects of what they name
+_EXPLAINING = ("unmodelled-response", "halves-disagree")
+_EXPLAINED = ("errors-change-slowly", "timing-matters")  # left out where one of those is given
+_Add = Callable[[str, tuple[Any, list[Notice]]], None]
 
 
 @dataclass(frozen=True)
-class Examined:
+class Examination:
     """Entries for the file, warnings, and outliers that are in the fit.
 
-    ``outliers`` is ``None`` where a sample is one that cannot be left out.
+    ``outliers`` is ``None`` where one of them cannot be left out.
     """
 
     details: dict[str, Any]
@@ -63,7 +64,7 @@ def examine(
     solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
     declared: Collection[str] = (),
-) -> Examined:
+) -> Examination:
     """Examine a finished fit.
 
     ``fitted`` are the runs simulated with the solution. ``declared`` are the roles whose hold the
@@ -71,7 +72,7 @@ def examine(
     """
     details: dict[str, Any] = {}
     runs = [s.experiment for s in fitted]
-    # first what explains the others: a number in another unit, a reversed column
+    # first those that explain others: a number in another unit, a reversed column
     notices = implausible_notices(find_implausible(family, solution.options, variant, runs))
     notices += reversed_gains(variant, solution)
 
@@ -91,15 +92,15 @@ def examine(
     if at is not None:
         outliers = _examine_derivatives(at, add)
     add("channels", judge_channels(family, solution, fitted))
-    if any(n.code in _TELL_MORE for n in notices):
-        notices = [n for n in notices if n.code not in _TOLD_BY_THEM]
-    return Examined(details, notices, outliers)
+    if any(n.code in _EXPLAINING for n in notices):
+        notices = [n for n in notices if n.code not in _EXPLAINED]
+    return Examination(details, notices, outliers)
 
 
-def _examine_derivatives(at: Optimum, add: Any) -> list[Outlier] | None:
-    """Examine the derivatives of the fit; return the samples to exclude."""
-    influence = measure_influence(at.jacobians, at.residuals, at.errors)
+def _examine_derivatives(at: Optimum, add: _Add) -> list[Outlier] | None:
+    """Run the tests that need derivatives; return the outliers as :class:`Examination` has them."""
+    influence = measure_influence(at.jacobians, at.residuals, at.std_errors)
     add("influence", find_deciding_samples(at, influence))
-    for name, test in _EXAMINATIONS.items():
+    for name, test in _TESTS_OF_DERIVATIVES.items():
         add(name, test(at))
     return find_outliers(at, influence)

@@ -1,4 +1,4 @@
-"""Would another hold of an input fit better? A few Gauss-Newton steps from the optimum tell."""
+"""Test of whether another hold of an input fits better, by Gauss-Newton steps from the optimum."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ _WORDS: dict[Hold, str] = {
 
 @dataclass(frozen=True)
 class _Shift:
-    """Change of the parameters under another hold, as the file tells it.
+    """Change of the parameters under another hold; its fields are the entry of the file.
 
-    ``evidence`` is the change of the negative log-likelihood, ``left`` the root mean square of the
-    residual in parts of the present one.
+    ``parameter`` moves most, by ``shift`` [its unit], which is that many ``standard_errors``.
+    ``evidence`` is the change of the negative log-likelihood, ``left`` the ratio of the root mean
+    square of the residual to the present one.
     """
 
     hold: Hold
@@ -48,7 +49,10 @@ class _Shift:
 
 
 def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
-    """Judge the fit under another hold of every role that drives the model."""
+    """Judge the fit under another hold of every role that drives the model.
+
+    Roles in ``declared`` have a hold that the user gave.
+    """
     at = at.part
     experiments = at.experiments
     if sum(e.samples for e in experiments) > _LONG:
@@ -80,19 +84,19 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
 
 
 def _explains_forces(at: Optimum, t: _Shift) -> bool:
-    """Return whether another hold explains what is not noise.
+    """Return whether another hold explains more than noise.
 
-    Where more was compared than the output the residual holds forces as well: it has to shrink,
-    with every parameter in its range.
+    Where other channels were fitted besides the output, the residual contains forces as well: it
+    has to shrink with the parameter still in its range.
     """
     spec, value = at.variant.parameter(base_name(t.parameter)), number(at.plant, t.parameter)
     return t.left <= policy.HOLD_EXPLAINS and spec.minimum <= value + t.shift <= spec.maximum
 
 
 def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:
-    """Return the hold that fits best, so that following the advice does not lead to the next one.
+    """Return the hold that fits best, so that following the advice does not lead to another one.
 
-    Of two that fit alike it is the one that the samples look like.
+    Of several that fit alike it is the one that the samples look like.
     """
     best = min(tried, key=lambda t: t.evidence, default=None)
     if best is None or best.evidence > -policy.HOLD_EVIDENCE:
@@ -105,10 +109,11 @@ def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | N
 
 
 def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
-    """Gauss-Newton steps from the optimum under another hold, the derivatives as they are.
+    """Take Gauss-Newton steps from the optimum under another hold, the derivatives unchanged.
 
-    A long first step ends where the model is no longer linear, and another one is taken. What a
-    step gains under the present hold (the estimate ends at a bound) is no merit of the other.
+    A long first step ends where the model is no longer linear, so another one is taken. The gain of
+    a step under the present hold (the estimate may be at a bound) does not count for the other.
+    ``None`` where the model breaks down, or nothing was estimated.
     """
     turned = []
     for e in at.experiments:
@@ -128,11 +133,11 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
             return None
         step = scaled_least_squares(j, r, 1e-10)
         after, total = float(np.sum((r - j @ step) ** 2)), total + step
-        if np.abs(step / at.errors).max() < policy.TERM_MOVES:
+        if np.abs(step / at.std_errors).max() < policy.TERM_MOVES:
             break
         for name, by in zip(at.names, step):
             plant = moved(plant, name, float(by), at.variant.parameter(base_name(name)))
-    deviations = total / at.errors
+    deviations = total / at.std_errors
     worst = int(np.argmax(np.abs(deviations)))
     ratio = max(after, 1e-300) / max(float(np.sum((before - j @ own) ** 2)), 1e-300)
     return _Shift(
@@ -180,11 +185,11 @@ def _hold_notice(
 
 
 def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> bool:
-    """Return whether an input does not look like what it is taken for.
+    """Return whether an input does not look as its hold has it.
 
-    What moves little in a sample was measured while it moved: when a jump of a measured signal
-    took place between two samples no data can tell. A command is held from one sample to the
-    next; one that glides for much of the time and never jumps may as well have moved in between.
+    A measured signal moves little within a sample; at which instant between two samples it jumped,
+    no data can tell. A command is held from one sample to the next; one that glides for much of the
+    time and never jumps may have moved in between.
     """
     values = [s.experiment.signals[role].values for s in fitted]
     span = max(float(np.ptp(v)) for v in values)

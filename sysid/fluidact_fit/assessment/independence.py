@@ -1,8 +1,8 @@
 """Number of independent samples that the data are worth.
 
-What blocks of rows contribute to the estimate shows errors that change slowly [1]_; the strongest
-autocorrelation that the restricted likelihood [2]_ does not rule out shows how many independent
-samples the residuals are worth. Theory: ``docs/theory/independent-samples.md``.
+The contributions of blocks of rows to the estimate reveal slowly varying errors [1]_; the strongest
+autocorrelation that the restricted likelihood [2]_ does not rule out bounds the number of
+independent samples in the residuals. Theory: ``docs/theory/independent-samples.md``.
 
 References
 ----------
@@ -32,26 +32,26 @@ from . import policy
 from .corrected_score import whitened
 from .optimum import Optimum
 
-_BLOCKS = (6, 12, 24, 48)  # of rows, whose contributions are compared; each divides the last
+_BLOCKS = (6, 12, 24, 48)  # numbers of blocks that are compared; each divides the last
 _SHORTEST = 25  # rows of a block
-_TRIED = 60  # autocorrelations, closer to each other towards 1
-_ROUNDING = 1e-12  # part of a sum of squares that is none
-_NOT_RULED_OUT = 2.7  # twice the loss of log-likelihood of a value that a 95 % limit still holds
+_TRIED = 60  # autocorrelations, denser towards 1
+_ROUNDING = 1e-12  # share of a sum of squares that is rounding
+_NOT_RULED_OUT = 2.7  # twice the loss of log-likelihood within a one-sided 95 % limit
 
 
 def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Return the number of independent samples in the residuals, and a warning if they are few."""
     at = whitened(at)
-    slow, said = _find_slow_errors(at)
-    entry, few = _count_independent(at)
-    return {**entry, **slow}, few or said
+    slow, slow_notices = _find_slow_errors(at)
+    entry, few_notices = _count_independent(at)
+    return {**entry, **slow}, few_notices or slow_notices
 
 
 def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """Errors that change so slowly that the intervals do not know of them."""
+    """Find slow drift that the intervals do not include: an entry for the file, and a warning."""
     if len(at.roles) > 1 or at.instruments or not all(e.time.size for e in at.experiments):
         return {}, []
-    wider = wider_by_blocks(at.jacobians, at.residuals, at.errors)
+    wider = wider_by_blocks(at.jacobians, at.residuals, at.std_errors)
     worst = int(np.argmax(wider))
     if wider[worst] <= policy.WIDER:
         return {}, []
@@ -70,7 +70,7 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 def wider_by_blocks(
     jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], errors: FloatArray
 ) -> FloatArray:
-    """Return the factor by which contributions of blocks scatter more widely, 0 if by chance only.
+    """Ratio of the standard errors that blocks of rows show to those given, shape ``(p,)``.
 
     Parameters
     ----------
@@ -78,6 +78,10 @@ def wider_by_blocks(
         Of every run, shapes ``(n_i, p)`` and ``(n_i,)``.
     errors
         Standard errors of the parameters so far, shape ``(p,)``.
+
+    Returns
+    -------
+    (p,), 0 where the scatter of the blocks may be chance.
     """
     from scipy.special import chdtri
 
@@ -85,16 +89,16 @@ def wider_by_blocks(
     n = sum(r.size for r in residuals)
     counts = [count for count in _BLOCKS if n >= count * _SHORTEST]
     out = np.zeros(errors.size)
-    if np.any(blind) or not counts:  # the output may say nothing of what was fitted to others
+    if np.any(blind) or not counts:  # parameters may have been fitted to other channels only
         return out
     finest = counts[-1]
     begins = np.arange(finest) * n // finest
     weights = joined(jacobians) @ bread
-    # what every block adds to the estimate, and its variance for independent errors of one
+    # contribution of every block to the estimate, and its variance for independent unit errors
     parts = np.add.reduceat(weights * joined(residuals)[:, None], begins)
     white = np.add.reduceat(weights**2, begins)
     left = sum(square_sum(r) for r in residuals) / n
-    # rows that are left out, where a filter settles or a log is long, made the errors smaller
+    # the given errors may come from more rows than these: a filter settles, a log is long
     known = np.maximum(errors**2, left * white.sum(axis=0))
     for count in counts:
         sums, share = (x.reshape(count, finest // count, -1).sum(axis=1) for x in (parts, white))
@@ -106,7 +110,7 @@ def wider_by_blocks(
 
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """Number of independent samples that would show the size of the errors as well."""
+    """Count the independent samples behind the size of the errors, and warn if they are few."""
     independent, unknowns = at.solution.noise.independent, len(at.names)
     if not np.isfinite(independent):
         return {}, []
@@ -129,7 +133,7 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 
 def fewest_independent(jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
-    """The same number for the strongest autocorrelation that the residuals do not rule out.
+    """Number of independent samples for the strongest autocorrelation not ruled out.
 
     Parameters
     ----------

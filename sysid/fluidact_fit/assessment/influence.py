@@ -1,11 +1,11 @@
-"""Samples and halves of the data that carry the answer; outliers that the fit can do without.
+"""Influential samples, outliers, and halves of the data that disagree.
 
 With the derivatives ``J`` of a least-squares fit the estimate without sample ``i`` differs by
-``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the sample's leverage, the diagonal of
-``J (J'J)^-1 J'`` [1]_. A sample that stands alone, far from what all others say, is an outlier: it
-is replaced by what the model of the others gives there, and the fit is done again. Where the
-model misses several samples in a row, or those after a jump of an input, the model is wrong there,
-and no sample is set aside.
+``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the leverage of the sample, the diagonal of
+``J (J'J)^-1 J'`` [1]_. A single sample far from what all others predict is an outlier: it is
+replaced by the prediction of the others, and the fit is repeated. Where the model misses several
+samples in a row, or those after a jump of an input, the model is wrong there, and no sample is set
+aside.
 
 References
 ----------
@@ -32,8 +32,8 @@ from ..units import as_share
 from . import policy
 from .optimum import Optimum
 
-_LISTED = 5
-_WIDE = 2  # samples that an outlier may be wide
+_LISTED = 5  # samples that a message names
+_WIDEST = 2  # consecutive samples that may be outliers
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Effect:
     Attributes
     ----------
     series, row
-        Where it is: the series, and the row among its used samples.
+        Index of the series, and of the row among its used samples.
     leverage, deviations
-        Entry on the diagonal of the hat matrix, and studentised residual.
+        Diagonal entry of the hat matrix, and studentised residual.
     odd
-        Whether that is too large for one of that many.
-    parameter, errors
-        Number of the parameter that it moves most, and by how many standard errors.
+        Whether that residual is too large for one of that many.
+    parameter, standard_errors
+        Index of the parameter that it moves most, and by how many standard errors.
     """
 
     series: int
@@ -58,18 +58,18 @@ class Effect:
     deviations: float
     odd: bool
     parameter: int
-    errors: float
+    standard_errors: float
 
     @property
     def deciding(self) -> bool:
-        """Return whether the result hangs on it."""
-        return abs(self.errors) > (policy.ODD_MOVES if self.odd else policy.ANY_MOVES)
+        """Return whether the sample dominates the result."""
+        return abs(self.standard_errors) > (policy.ODD_MOVES if self.odd else policy.ANY_MOVES)
 
     @property
     def outlying(self) -> bool:
-        """True if no model near this one explains it: it is odd, and decides or lies far off."""
+        """Return whether no similar model explains it: it is odd, and decides or lies far off."""
         far = abs(self.deviations) > policy.FAR
-        return self.odd and (abs(self.errors) > policy.ODD_MOVES or far)
+        return self.odd and (abs(self.standard_errors) > policy.ODD_MOVES or far)
 
 
 @dataclass(frozen=True)
@@ -78,26 +78,26 @@ class Influence:
 
     Attributes
     ----------
-    leverage, most
-        The largest leverage, and the most standard errors by which one moves a parameter.
+    largest_leverage, largest_influence
+        The largest leverage, and the most standard errors by which a sample moves a parameter.
     effects
-        Those of samples that decide or lie far off, in order.
+        Effects of the samples that are deciding or outlying, in order.
     odd
-        Samples of every series that are odd, in order, shape ``(m_i,)`` each.
+        Rows of every series that are odd, in order, shape ``(m_i,)`` each.
     inverse
-        That of the triangle of the derivatives: rows of them times it are those of the
-        orthogonal factor, shape ``(p, p)``.
+        Inverse of the triangular factor of the derivatives, shape ``(p, p)``: rows of derivatives
+        times it are rows of the orthogonal factor.
     """
 
-    leverage: float
-    most: float
+    largest_leverage: float
+    largest_influence: float
     effects: Sequence[Effect]
     odd: Sequence[IndexArray]
     inverse: FloatArray
 
 
 def measure_influence(
-    jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], known: FloatArray
+    jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], std_errors: FloatArray
 ) -> Influence | None:
     """Measure the effect of every sample on the estimate; ``None`` if there are too few.
 
@@ -105,7 +105,7 @@ def measure_influence(
     ----------
     jacobians, residuals
         Of every series, shapes ``(n_i, p)`` and ``(n_i,)``.
-    known : (p,)
+    std_errors : (p,)
         Standard errors of the parameters.
     """
     from scipy.special import stdtrit
@@ -123,36 +123,38 @@ def measure_influence(
     squares, degrees = sum(map(square_sum, residuals)), max(n - p - 1, 1)
     robust = _robust_deviation(residuals, p, np.sqrt(squares / degrees))
     limit = float(-stdtrit(degrees, 0.5 * policy.ODD / n))
-    leverage, most, effects = 0.0, 0.0, []
+    leverage, influence, effects = 0.0, 0.0, []
     odd: list[IndexArray] = []
     for series, (j, r) in enumerate(zip(jacobians, residuals, strict=True)):
         q = j @ inverse
         own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
         studentised = r / np.sqrt(1.0 - own)
         sigma = np.sqrt(np.maximum(squares - studentised**2, 0.0) / degrees)
-        # of a residual that is one sample alone nothing is left but rounding
+        # where one sample alone has a residual, the rest of them is rounding
         deviations = studentised / np.maximum(
             np.minimum(sigma, 2.0 * robust), max(1e-12 * np.abs(r).max(initial=0.0), 1e-300)
         )
-        errors = (q * (r / (1.0 - own))[:, None]) @ inverse.T / known
-        size = np.abs(errors).max(axis=1)
-        leverage, most = max(leverage, float(own.max())), max(most, float(size.max(initial=0.0)))
+        moved = (q * (r / (1.0 - own))[:, None]) @ inverse.T / std_errors
+        size = np.abs(moved).max(axis=1)
+        leverage = max(leverage, float(own.max()))
+        influence = max(influence, float(size.max(initial=0.0)))
         strange = np.abs(deviations) > limit
         odd.append(np.flatnonzero(strange))
         for i in np.flatnonzero(strange | (size > policy.ANY_MOVES)):
-            k = int(np.argmax(np.abs(errors[i])))
+            k = int(np.argmax(np.abs(moved[i])))
             effect = Effect(
                 series, int(i), float(own[i]), float(deviations[i]),
-                bool(strange[i]), k, float(errors[i, k]),
+                bool(strange[i]), k, float(moved[i, k]),
             )  # fmt: skip
             effects += [effect] if effect.deciding or effect.outlying else []
-    return Influence(leverage, most, effects, odd, inverse)
+    return Influence(leverage, influence, effects, odd, inverse)
 
 
 def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float) -> float:
-    """Standard deviation by the median, against many odd samples; infinite where it is of no use.
+    """Standard deviation by the median, robust against many odd samples.
 
-    A residual that is mostly zero (a counter at rest) has no robust size.
+    It is infinite where it does not differ enough from ``deviation`` to matter, or where the
+    residual is mostly zero (a counter at rest).
     """
     n = sum(r.size for r in residuals)
     per_median = PER_MEDIAN * np.sqrt(n / max(n - p, 1))
@@ -163,23 +165,24 @@ def _robust_deviation(residuals: Sequence[FloatArray], p: int, deviation: float)
 def find_deciding_samples(
     at: Optimum, influence: Influence | None
 ) -> tuple[dict[str, Any], list[Notice]]:
-    """Samples that the result hangs on: an entry for the file, and a warning."""
+    """Find samples that dominate the result: an entry for the file, and a warning."""
     if influence is None:
         return {}, []
     entry: dict[str, Any] = {
-        "largest_influence": influence.most, "largest_leverage": influence.leverage
-    }  # fmt: skip
+        "largest_influence": influence.largest_influence,
+        "largest_leverage": influence.largest_leverage,
+    }
     deciding = [e for e in influence.effects if e.deciding and _matters(at, e)]
     if not deciding:
         return entry, []
-    deciding.sort(key=lambda e: -abs(e.errors))
+    deciding.sort(key=lambda e: -abs(e.standard_errors))
     entry["samples"] = [
         {
             "place": at.place(e.series, e.row),
             "deviations": e.deviations,
             "parameter": at.names[e.parameter],
-            "shift": -e.errors * float(at.errors[e.parameter]),
-            "errors": -e.errors,
+            "shift": -e.standard_errors * float(at.std_errors[e.parameter]),
+            "errors": -e.standard_errors,
         }
         for e in deciding[:_LISTED]
     ]
@@ -187,8 +190,8 @@ def find_deciding_samples(
 
 
 def _matters(at: Optimum, e: Effect) -> bool:
-    """Return whether a sample moves a parameter by more than any bench is worth."""
-    moved = abs(e.errors) * float(at.errors[e.parameter])
+    """Return whether a sample moves a parameter by more than a bench can tell."""
+    moved = abs(e.standard_errors) * float(at.std_errors[e.parameter])
     return moved > policy.LEAST * abs(at.number(at.names[e.parameter]))
 
 
@@ -213,9 +216,16 @@ def _deciding_notice(found: Sequence[dict[str, Any]], count: int, at: Optimum) -
 class Outlier:
     """A sample that was set aside.
 
-    ``place`` says where it is, ``measured`` and ``replaced`` what was recorded and what it was
-    fitted with [``unit``], ``text`` both in the unit of the log; ``run`` and ``sample`` count
-    from 0.
+    Attributes
+    ----------
+    run, role, sample
+        Index of the run, role, and index of the sample; both count from 0.
+    place
+        Log and instant, as a message names them.
+    measured, replaced
+        Recorded value, and the one that was fitted instead [``unit``].
+    text
+        Both values in the unit of the log.
     """
 
     run: int
@@ -234,20 +244,20 @@ class Outlier:
 
     @property
     def entry(self) -> dict[str, Any]:
-        """As the file has it."""
+        """Entry for the file."""
         names = ("place", "role", "measured", "replaced", "unit")
         return {name: getattr(self, name) for name in names}
 
 
 def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | None:
-    """Samples to set aside; ``None`` where one is outlying that cannot be."""
+    """Find samples to set aside; ``None`` where an outlying one cannot be set aside."""
     found = [] if influence is None else [e for e in influence.effects if e.outlying]
     if influence is None or not found:
         return []
     held = any(e.leverage >= policy.OUTLIER_LEVERAGE for e in found)
     if held or len(found) > most_outliers(at.samples) or not _alone(at, influence, found):
         return None
-    # what the model of all others misses them by: (I - H)^-1 r, H their part of the hat matrix
+    # prediction errors of the model of all others: (I - H)^-1 r, H their part of the hat matrix
     q = np.array([at.jacobians[e.series][e.row] for e in found]) @ influence.inverse
     r = np.array([at.residuals[e.series][e.row] for e in found])
     missed = np.linalg.solve(np.eye(len(found)) - q @ q.T, r)
@@ -259,7 +269,7 @@ def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | N
             return None
         value = float(signal.values[k])
         left = value - float(off) * s.scale
-        value = float(signal.recorded.get(k, value))  # one may stand in for a reading already
+        value = float(signal.recorded.get(k, value))  # the reading may have been replaced before
         text = f"{signal.text(value, '.4g')} instead of {signal.text(left, '.4g')}"
         place = at.place(e.series, e.row)
         out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit, text))
@@ -267,15 +277,15 @@ def find_outliers(at: Optimum, influence: Influence | None) -> list[Outlier] | N
 
 
 def most_outliers(samples: int) -> int:
-    """Largest number of that many samples that can be outliers."""
+    """Return how many out of so many samples can be outliers at most."""
     return int(min(policy.OUTLIERS, max(3, policy.OUTLIER_SHARE * samples)))
 
 
 def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
-    """Return whether each has few odd samples beside it, and no input jumped there."""
+    """Return whether no long row of samples is odd, and no input jumped at an outlying one."""
     for series in {e.series for e in found}:
         s, odd = at.series[series], influence.odd[series]
-        if np.any(odd[_WIDE:] - odd[:-_WIDE] == _WIDE):  # more in a row than that
+        if np.any(odd[_WIDEST:] - odd[:-_WIDEST] == _WIDEST):  # more in a row than that
             return False
         if s.experiment.time.size:
             moved = where_inputs_move(s.experiment, at.variant)[s.used]
@@ -285,7 +295,7 @@ def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
 
 
 def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[Experiment]:
-    """The same runs with what the model gives in the place of outliers."""
+    """Return the runs with the values of the model in the place of outliers."""
     out = list(runs)
     for o in outliers:
         signal = out[o.run].signals[o.role]
@@ -298,7 +308,7 @@ def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[E
 
 
 def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
-    """A warning that names what was set aside."""
+    """Warn of the samples that were set aside."""
     n = len(outliers)
     listed = "; ".join(f"{o.place}: {o.text}" for o in outliers[:_LISTED])
     more = f"; and {n - _LISTED} more, all in fit.details" if n > _LISTED else ""
@@ -315,15 +325,15 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
 
 
 def find_disagreeing_halves(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """Compare the two halves of the data."""
-    # noise of an input shrinks what a slow half asks for otherwise than what a fast one does
+    """Compare the two halves of the data: an entry for the file, and a warning."""
+    # noise of an input attenuates the estimates of a slow half and of a fast one differently
     (jacobians, residuals), half = _halves(at, [at.instruments or at.jacobians, at.residuals])
     fewest = min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1))
     if fewest < policy.FEW:
         return {}, []
     compared = jacobians, residuals, half, at.names, policy.HALVES_KNOW
     drift = compare_logs(*compared)[0][0]
-    if _differ(at, drift):  # what a converter does takes longer to know, and excuses more
+    if _differ(at, drift):  # errors of a converter take longer to compute, and excuse more
         (measured,), _ = _halves(at, [at.measured])
         steps = [s.resolution for s in at.series for _ in range(len(measured) // len(at.series))]
         drift = compare_logs(*compared, list(zip(measured, steps, strict=True)))[0][0]
@@ -339,7 +349,7 @@ def find_disagreeing_halves(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 def _halves(
     at: Optimum, tables: Sequence[Sequence[FloatArray]]
 ) -> tuple[list[list[FloatArray]], list[int]]:
-    """The parts of tables of all series, and which half of the data each belongs to."""
+    """Split tables of all series, and say which half of the data, 0 or 1, each part is of."""
     last = at.series[-1].run
     if last:
         return [list(t) for t in tables], [int(2 * s.run > last) for s in at.series]

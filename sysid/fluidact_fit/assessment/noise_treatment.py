@@ -1,8 +1,8 @@
 """Regression of the residual on the derivatives of a fit and further columns.
 
-Every solution says what its noise is (:class:`.NoiseModel`); each kind has one class that answers
-the same question, two here and one in :mod:`.corrected_score`: which changes of the parameters, and
-which size of one more column, does the residual ask for? Theory: ``docs/theory/score-test.md``.
+It estimates which changes of the parameters, and which size of one more column, explain the
+residual. The noise of a solution (:class:`.NoiseModel`) decides how: for each kind there is one
+class, two here and one in :mod:`.corrected_score`. Theory: ``docs/theory/score-test.md``.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..experiment import FloatArray
 from ..rows import middle_of, side_by_side
 from . import policy
 
-_ORDER = 25  # highest of the autoregression that whitens the residual
-_NEARBY = 12, 24  # rows; farther than a velocity is computed from
+_ORDER = 25  # highest order of the autoregression that whitens the residual
+_NEARBY = 12, 24  # distance [rows], longer than the filter of a velocity reaches
 
 
 @dataclass(frozen=True)
@@ -34,39 +34,39 @@ class TermRegression:
     shifts
         Changes of the parameters, shape ``(p,)``.
     size, error
-        Of the further column, and its standard error.
-    along
-        Changes of the parameters per unit of a size that is given, shape ``(p,)``.
+        Size of the further column, and its standard error.
+    shifts_per_size
+        Changes of the parameters per unit of a given size, shape ``(p,)``.
     distinct
-        Whether the parameters cannot stand for the column.
+        Whether the parameters cannot represent the column.
     degrees
-        Degrees of freedom of the error.
+        Degrees of freedom of the standard error.
     """
 
     shifts: FloatArray
     size: float
     error: float
-    along: FloatArray
+    shifts_per_size: FloatArray
     distinct: bool
     degrees: int
 
 
 class NoiseTreatment(Protocol):
-    """Regression of the residual of a fit that allows for its noise."""
+    """Regression of the residual of a fit, allowing for its noise."""
 
     def regress(
         self, columns: Sequence[FloatArray], instruments: Sequence[FloatArray] = ()
     ) -> TermRegression | None:
-        """Regress on the derivatives and one column; ``None`` where nothing can be said.
+        """Regress on the derivatives and one column, ``(n_i,)`` each; ``None`` without an answer.
 
-        ``instruments`` are that column without the noise of inputs, where that is known: for a
-        treatment by instruments, which otherwise takes its mean over rows before and after that
-        share no sample with it.
+        ``instruments`` are that column without the noise of inputs, where that is known. A
+        treatment by instruments otherwise takes the mean of the column over rows before and after
+        that share no sample with it.
         """
         ...
 
     def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
-        """Triangle of ``(J, columns, r)`` without the noise, and how many rows it stands for."""
+        """Triangle of ``(J, columns, r)`` without the noise, and the number of rows behind it."""
         ...
 
 
@@ -81,14 +81,14 @@ def solve_triangle(triangle: FloatArray, rows: int) -> TermRegression | None:
     left = float(np.linalg.norm(target - columns @ x))
     degrees = max(rows - columns.shape[1], 1)
     error = left / np.sqrt(degrees) / own if own else np.inf
-    along = -scaled_least_squares(columns[:last, :-1], columns[:last, last])
+    shifts_per_size = -scaled_least_squares(columns[:last, :-1], columns[:last, last])
     distinct = bool(own) and own >= policy.DIRECTION_LEFT * whole
-    return TermRegression(x[:-1], float(x[-1]), error, along, distinct, degrees)
+    return TermRegression(x[:-1], float(x[-1]), error, shifts_per_size, distinct, degrees)
 
 
 @dataclass(frozen=True)
 class AugmentedJacobian:
-    """Columns ``(J, further ones, r)`` of every series.
+    """Columns ``(J, further columns, r)`` of every series.
 
     Attributes
     ----------
@@ -96,16 +96,15 @@ class AugmentedJacobian:
         Shapes ``(n_i, p)``, ``(n_i,)`` or ``(n_i, q)``, and ``(n_i,)``.
     roles
         Channel of every series: each has noise of its own.
-    free
-        Whether an offset of its own takes the mean of a series: all columns are then free of
-        theirs.
+    own_levels
+        Whether a series has an offset of its own: the means of its columns are then taken off.
     """
 
     jacobians: Sequence[FloatArray]
     columns: Sequence[FloatArray]
     residuals: Sequence[FloatArray]
     roles: Sequence[str]
-    free: Sequence[bool]
+    own_levels: Sequence[bool]
 
     @property
     def rows(self) -> int:
@@ -117,24 +116,24 @@ class AugmentedJacobian:
         """All rows of every series, shape ``(n_i, p + q + 1)``."""
         series = zip(self.jacobians, self.columns, self.residuals, strict=True)
         tables = [side_by_side(*parts) for parts in series]
-        return [t - t.mean(axis=0) if free else t for t, free in zip(tables, self.free)]
+        return [t - t.mean(axis=0) if own else t for t, own in zip(tables, self.own_levels)]
 
     @property
-    def finite(self) -> bool:
-        """Return whether all numbers are."""
+    def is_finite(self) -> bool:
+        """Return whether all numbers of all rows are finite."""
         return all(np.isfinite(t).all() for t in self.tables)
 
     @cached_property
     def whitened(self) -> FloatArray:
-        """Rows of all series as what the columns leave of the residual becomes white, condensed.
+        """Rows of all series, filtered so that what the columns leave of the residual is white.
 
-        Shape ``(m, p + q + 1)``; every channel comes out with the variance of the first.
+        Condensed, shape ``(m, p + q + 1)``; every channel is scaled to the variance of the first.
         """
         table = np.vstack([condensed([t]) for t in self.tables])
         found = np.append(-scaled_least_squares(table[:, :-1], table[:, -1]), 1.0)
         models: dict[str, tuple[FloatArray, float]] = {}
         for role in dict.fromkeys(self.roles):
-            # of a long series, the part where it shows its colour
+            # the middle of a long series shows its autocorrelation well enough
             own = [t[middle_of(len(t))] @ found for t, of in zip(self.tables, self.roles)
                    if of == role]  # fmt: skip
             own = [noise - noise.mean() for noise in own]
@@ -150,14 +149,14 @@ class AugmentedJacobian:
 
 @dataclass(frozen=True)
 class Whitened:
-    """Rows as what is left of the residual becomes white; Rao's score test."""
+    """Rao's score test with an autoregressive model of the noise."""
 
     augmented: AugmentedJacobian
 
     def triangle(self, columns: Sequence[FloatArray]) -> tuple[FloatArray, int] | None:
         """As of :class:`NoiseTreatment`."""
         table = replace(self.augmented, columns=columns)
-        if not table.finite:
+        if not table.is_finite:
             return None
         return np.asarray(np.linalg.qr(table.whitened, mode="r")), table.rows
 
@@ -176,14 +175,14 @@ class Instrumented:
     Attributes
     ----------
     instruments
-        Derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)`` each.
+        Derivatives with instruments in the place of noisy inputs, shape ``(n_i, p)`` each.
     """
 
     augmented: AugmentedJacobian
     instruments: Sequence[FloatArray]
 
     def triangle(self, columns: Sequence[FloatArray]) -> None:
-        """Nothing: several directions at once would be those of the noise."""
+        """No answer: several directions at once would be those of the noise."""
         return
 
     def regress(
@@ -193,7 +192,7 @@ class Instrumented:
         table = replace(self.augmented, columns=columns)
         instead = instruments or [_mean_nearby(c) for c in columns]
         exogenous = replace(self.augmented, columns=instead, jacobians=self.instruments)
-        if not table.finite or not exogenous.finite:
+        if not table.is_finite or not exogenous.is_finite:
             return None
         rows = table.tables
         stacked = np.vstack(rows)
@@ -206,14 +205,14 @@ class Instrumented:
         cuts = np.cumsum([r.shape[0] for r in rows])[:-1]
         spread = covariance(np.split(projected, cuts), np.split(residual - design @ x, cuts))
         error = float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
-        along = -scaled_least_squares(projected[:, :-1], design[:, -1])
+        shifts_per_size = -scaled_least_squares(projected[:, :-1], design[:, -1])
         distinct = own >= policy.DIRECTION_LEFT * whole > 0.0
         degrees = max(design.shape[0] - design.shape[1], 1)
-        return TermRegression(x[:-1], float(x[-1]), error, along, distinct, degrees)
+        return TermRegression(x[:-1], float(x[-1]), error, shifts_per_size, distinct, degrees)
 
 
 def _mean_nearby(column: FloatArray) -> FloatArray:
-    """Mean of a column, shape ``(n,)``, over rows before and after every one."""
+    """Mean of a column, shape ``(n,)``, over rows before and after each row."""
     near, far = _NEARBY
     total, k = np.concatenate(([0.0], np.cumsum(column))), np.arange(column.size)
     first = np.clip([k - far, k + near], 0, column.size)

@@ -1,8 +1,8 @@
-"""A finished fit near its optimum: residuals, their derivatives, and what simulates in between.
+"""A finished fit near its optimum: residuals, their derivatives, and what simulates nearby.
 
-Near its optimum a fit is linear in its parameters. How the estimate would move if the model
-had one more term, if a sample were not there, or if half of the data were, then follows from
-the derivatives of the output without another fit.
+Near its optimum a fit is linear in its parameters. How the estimate would move if the model had one
+more term, or if a sample or half of the data were left out, then follows from the derivatives of
+the output without another fit.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from .noise_treatment import (
 )
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
-_LATE = 0.1  # sample times by which a time is moved for a derivative
-_PART = 0.3  # standard deviations of the residual by which the output then changes
-_TRIES = 8  # to find that part
+_TIME_STEP = 0.1  # sample times by which a time is moved for a derivative
+_OUTPUT_STEP = 0.3  # standard deviations of the residual by which a derivative changes the output
+_TRIES = 8  # to find the step that does
 _FEWEST = 20  # samples of a series that can be examined
 
 
@@ -54,12 +54,12 @@ class Series:
     experiment
         The run.
     simulated, used
-        What the model gives, and which samples count, shape ``(n,)`` each.
+        Simulated values, and mask of the samples that count, shape ``(n,)`` each.
     scale
-        What residuals and derivatives are divided by: 1 where the output alone was fitted,
-        else the root mean square of the residuals of the channel over all runs [its unit].
+        Divisor of residuals and derivatives: 1 where the output alone was fitted, else the root
+        mean square of the residuals of the channel over all runs [its unit].
     own_level
-        Whether an offset of its own takes the mean of the residual.
+        Whether the series has an offset of its own, which takes the mean of the residual.
     """
 
     run: int
@@ -72,7 +72,7 @@ class Series:
 
     @property
     def resolution(self) -> float:
-        """Step of the converter, in parts of the scale; 0 where the channel was not logged."""
+        """Step of the converter, divided by the scale; 0 where the channel was not logged."""
         signal = self.experiment.signals.get(self.role)
         return signal.resolution / self.scale if signal is not None else 0.0
 
@@ -81,11 +81,14 @@ class Series:
 class Optimum:
     """A fit and its derivatives by the parameters, channel by channel of every run.
 
+    Whatever is "as the residuals are" covers the used samples of a series and is divided by its
+    scale.
+
     Attributes
     ----------
     family, variant, solution, fitted
         The fit. ``fitted`` are its runs, simulated with the values that are written.
-    names, errors
+    names, std_errors
         Parameters that were estimated, and their standard errors, shape ``(p,)``.
     series
         The channels that were fitted, all channels of one run after the other.
@@ -93,10 +96,10 @@ class Optimum:
         Of every series over the samples that were used, divided by its scale, shapes
         ``(n_i,)`` and ``(n_i, p)``.
     instruments
-        The derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)``
-        each; empty where there are none.
+        The derivatives with instruments in the place of noisy inputs, shape ``(n_i, p)`` each;
+        empty where the fit has none.
     treatment
-        What allows for the noise where the runs are not those of the solution alone.
+        Treatment of the noise where the runs are not those of the solution alone.
     """
 
     family: Family[FamilyOptions]
@@ -104,7 +107,7 @@ class Optimum:
     solution: Solution[FamilyOptions]
     fitted: Sequence[Simulation]
     names: tuple[str, ...]
-    errors: FloatArray
+    std_errors: FloatArray
     series: Sequence[Series]
     residuals: Sequence[FloatArray]
     jacobians: Sequence[FloatArray]
@@ -123,24 +126,24 @@ class Optimum:
 
     @property
     def driving(self) -> list[str]:
-        """Roles that drive the model and change in every run: no single steps."""
+        """Roles that drive the model and were sampled in every run: no single steps."""
         runs = [e.signals for e in self.experiments]
         return [r.name for r in self.variant.driving
                 if all(r.name in s and s[r.name].values.size > 1 for s in runs)]  # fmt: skip
 
     def signal(self, role: str) -> Signal:
-        """A role as the first log that has it records it: its units are those of the fit."""
+        """Signal of a role in the first log that has it: its units are those of the fit."""
         return next(e.signals[role] for e in self.experiments if role in e)
 
     @cached_property
     def part(self) -> Optimum:
-        """The same fit over the first rows of long runs, which show what is always there."""
+        """The same fit over the first rows of long runs, which show any effect that is constant."""
         return self.beginning(self.family.examined)
 
     def beginning(self, rows: int) -> Optimum:
         """The same fit over the first rows of every run.
 
-        One with instruments stays whole: what stands in for its inputs knows whole runs only.
+        A fit with instruments stays whole: they are made from whole runs only.
         """
         if self.instruments or all(e.samples <= rows for e in self.experiments):
             return self
@@ -180,7 +183,7 @@ class Optimum:
 
     @cached_property
     def noise(self) -> NoiseTreatment:
-        """Regression that allows for the noise of this fit."""
+        """Treatment that allows for the noise of this fit."""
         if self.treatment is not None:
             return self.treatment
         plain = self.augmented([np.zeros((r.size, 0)) for r in self.residuals])
@@ -196,20 +199,20 @@ class Optimum:
         experiments: Sequence[Experiment] | None = None,
         plant: Plant[FamilyOptions] | None = None,
     ) -> list[FloatArray]:
-        """Change of the model by slightly other inputs, values or options, as the residuals are."""
+        """Change of all series by other inputs, values or options, as the residuals are."""
         found = self.solution.simulate_near(plant or self.plant, experiments or self.experiments)
         return self.columns([
             _channel(found[s.run], s.role) - s.simulated for s in self.series
         ])  # fmt: skip
 
     def columns(self, values: Sequence[FloatArray]) -> list[FloatArray]:
-        """Values of the channels of all series, shape ``(n,)`` each, as the residuals are."""
+        """Turn values of all series, shape ``(n,)`` each, into columns as the residuals are."""
         out = []
         for s, every in zip(self.series, values, strict=True):
-            some = all_of(every, s.used) if s.scale == 1.0 else all_of(every, s.used) / s.scale
-            if not is_finite(some):  # what another input leaves undescribed says nothing of it
-                some = np.nan_to_num(some, nan=0.0, posinf=np.inf, neginf=-np.inf)
-            out.append(some)
+            column = all_of(every, s.used) if s.scale == 1.0 else all_of(every, s.used) / s.scale
+            if not is_finite(column):  # samples that other inputs leave undescribed tell nothing
+                column = np.nan_to_num(column, nan=0.0, posinf=np.inf, neginf=-np.inf)
+            out.append(column)
         return out
 
     @property
@@ -220,9 +223,9 @@ class Optimum:
         ]
 
     def is_less_certain(self, times: float) -> bool:
-        """Return whether some parameter is, than if the residuals were white, by so many times."""
+        """Return whether some standard error exceeds that of white residuals so many times."""
         white = covariance(self.jacobians, self.residuals, robust=False).covariance
-        return bool(np.any(self.errors > times * np.sqrt(np.diag(white))))
+        return bool(np.any(self.std_errors > times * np.sqrt(np.diag(white))))
 
     @property
     def sigma(self) -> float:
@@ -248,15 +251,16 @@ class Optimum:
     ) -> tuple[list[FloatArray], list[FloatArray]] | None:
         """Derivatives of every series by a value of a plant, as the residuals are.
 
-        Over a step that changes the output by part of the residual: a smaller one drowns in
-        rounding, a larger one is no derivative. ``None`` where the output does not change.
+        The step changes the output by part of the residual: a smaller one drowns in rounding, a
+        larger one is no derivative.
 
         Returns
         -------
-        The derivatives, and those with what stands in for noisy inputs where a fit has that.
+        The derivatives, and those with instruments in the place of noisy inputs where a fit has
+        them; ``None`` where the output does not change.
         """
         timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
-        step = _LATE * self.experiments[0].sample_time if timed else 1e-3 * (abs(value) or 1.0)
+        step = _TIME_STEP * self.experiments[0].sample_time if timed else 1e-3 * (abs(value) or 1.0)
         factor = 1.0
         for _ in range(_TRIES):
             step *= factor
@@ -264,14 +268,14 @@ class Optimum:
             size = root_mean_square(columns)
             if not (np.isfinite(size) and size > 0.0):
                 return None
-            factor = _PART * self.sigma / size
+            factor = _OUTPUT_STEP * self.sigma / size
             if timed or 0.5 < factor < 2.0:
-                break  # the first steps may say nothing but rounding
+                break  # the first steps may show nothing but rounding
         instruments = self._instruments(moved(plant, name, step))
         return [c / step for c in columns], [c / step for c in instruments]
 
     def _instruments(self, plant: Plant[FamilyOptions]) -> list[FloatArray]:
-        """Return what slightly other values add to the model with instruments for noisy inputs."""
+        """Change of the model with instruments for noisy inputs by slightly other values."""
         simulate = self.solution.noise.simulate_instruments if self.instruments else None
         if simulate is None:
             return []
@@ -294,7 +298,7 @@ class Optimum:
 
 
 def root_mean_square(parts: Sequence[FloatArray]) -> float:
-    """Root of the mean square of all parts, of any shape ``(n_i,)`` each."""
+    """Root of the mean square of all parts together; the parts may have any shape."""
     return float(np.sqrt(sum(map(square_sum, parts)) / sum(x.size for x in parts)))
 
 
@@ -308,7 +312,7 @@ def make_optimum(
     solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
 ) -> Optimum | None:
-    """The fit with its derivatives; ``None`` where it has none to be examined by."""
+    """Return the fit with its derivatives; ``None`` where it has too few rows or no derivatives."""
     series, residuals = _series(variant, solution, fitted)
     if not solution.names or min((r.size for r in residuals), default=0) < _FEWEST:
         return None
@@ -332,7 +336,10 @@ def make_optimum(
 
 
 def _places(correlations: FloatArray, errors: FloatArray) -> list[int]:
-    """Place of every name among the unknowns: two names can stand for one that moves both."""
+    """Column of every name among the unknowns: two names can stand for the same unknown.
+
+    ``correlations`` has shape ``(p, p)``, ``errors`` are the standard errors, shape ``(p,)``.
+    """
     column: list[int] = []
     for k in range(errors.size):
         same = (i for i in range(k) if correlations[i, k] > _SAME and errors[i] == errors[k])
@@ -341,7 +348,7 @@ def _places(correlations: FloatArray, errors: FloatArray) -> list[int]:
 
 
 def _merged(jacobian: FloatArray, column: Sequence[int]) -> FloatArray:
-    """Derivatives by the unknowns from those by their names."""
+    """Derivatives by the unknowns, ``(n, q)``, from those by all names, ``(n, p)``."""
     unknowns = max(column) + 1
     return jacobian if unknowns == len(column) else jacobian @ np.eye(unknowns)[list(column)]
 

@@ -1,8 +1,8 @@
 """Rao's score test of every term that a model may lack, without another fit.
 
-Where the residual has a significant part in the direction of a term, and taking it along would move
-a parameter by more than its interval, the interval does not hold what it says and the fit must
-not pass in silence. Derivation and references: ``docs/theory/score-test.md``.
+Where the residual has a significant component along a term, and adding the term would move a
+parameter by more than its interval, the interval does not cover the truth and the fit must not pass
+in silence. Derivation and references: ``docs/theory/score-test.md``.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from ..units import as_share
 from . import policy
-from .corrected_score import beside_copies
+from .corrected_score import with_noise_copies
 from .optimum import Optimum
 from .terms import Term, terms_at_any_time, terms_over_time
 
-_QUANTISED = 1.5  # times its standard error from white noise that one is by a converter
+_QUANTISED = 1.5  # standard error allowing for the converter, per that of white residuals
 
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
-    whole = beside_copies(at)
+    whole = with_noise_copies(at)
     part = whole.part
     terms = chain(
         ((whole, t) for t in terms_over_time(whole)), ((part, t) for t in terms_at_any_time(part))
@@ -43,8 +43,8 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     significant = [s for s in scores if s.significant]
     if not significant:
         return table, list(_unexamined(at, judged))
-    enough = policy.PREFER_PARAMETER * max(abs(s.deviations) for s in significant)
-    offered = [s for s in significant if s.term.offered and abs(s.deviations) > enough]
+    close = policy.PREFER_PARAMETER * max(abs(s.deviations) for s in significant)
+    offered = [s for s in significant if s.term.offered and abs(s.deviations) > close]
     best = max(offered or significant, key=lambda s: abs(s.deviations))
     return table, [_notice(at, best)]
 
@@ -53,10 +53,19 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 class Score:
     """Effect of adding a term.
 
-    ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
-    ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
-    ``share`` is the largest part of its value that one would move by, significantly. It is
-    ``bounded`` unless a coarse converter may have more to do with it than the standard errors say.
+    Attributes
+    ----------
+    term
+        The term, without its columns.
+    size, deviations
+        Size of the term [its unit], and that in its standard errors.
+    parameter, shift, standard_errors
+        Parameter that would move most, by how much [its unit], and that in its standard errors.
+    share
+        Largest relative change of a parameter, of those that would move significantly.
+    bounded
+        Whether the standard errors tell how large the term could be unseen: with a coarse
+        converter they may not.
     """
 
     term: Term
@@ -64,13 +73,13 @@ class Score:
     deviations: float
     parameter: str
     shift: float
-    errors: float
+    standard_errors: float
     share: float
     bounded: bool = True
 
     @property
     def needed(self) -> float:
-        """Standard errors of the term from which it counts: fewer where it would change much."""
+        """Standard errors from which the term counts: fewer where a parameter would change much."""
         one_sided = self.term.positive and self.size >= 0.0
         if self.term.positive and not one_sided:
             return policy.TERM_CERTAIN
@@ -80,60 +89,62 @@ class Score:
 
     @property
     def significant(self) -> bool:
-        """Return whether the term is there, and matters."""
-        possible = abs(self.size) <= self.term.most
-        there = abs(self.deviations) > self.needed
-        return possible and there and (self.moves or abs(self.size) > self.term.enough)
+        """Return whether the term is present, and matters."""
+        possible = abs(self.size) <= self.term.max_size
+        present = abs(self.deviations) > self.needed
+        return possible and present and (self.moves or abs(self.size) > self.term.matters_from)
 
     @property
     def moves(self) -> bool:
         """Return whether a parameter would move by more than its interval allows for."""
-        far = abs(self.errors) > _needed_move(self.term, self.deviations)
-        return far and self.share >= self.term.least
+        far = abs(self.standard_errors) > _needed_move(self.term, self.deviations)
+        return far and self.share >= self.term.min_share
 
     @property
     def entry(self) -> dict[str, Any]:
-        """For the file: also how large the term could be unseen, and what it would then move."""
-        found: dict[str, Any] = {
+        """Entry for the file: also how large the term could be unseen, and the shift by that."""
+        entry: dict[str, Any] = {
             "size": self.size, "unit": self.term.unit, "deviations": self.deviations,
-            "parameter": self.parameter, "shift": self.shift, "standard_errors": self.errors,
+            "parameter": self.parameter, "shift": self.shift,
+            "standard_errors": self.standard_errors,
         }  # fmt: skip
         if self.size and self.deviations and self.bounded:
-            size = min(self.needed * abs(self.size / self.deviations), self.term.most)
-            found["unseen_size"] = size
-            found["unseen_shift"] = size * abs(self.shift / self.size)
-        return found
+            size = min(self.needed * abs(self.size / self.deviations), self.term.max_size)
+            entry["unseen_size"] = size
+            entry["unseen_shift"] = size * abs(self.shift / self.size)
+        return entry
 
 
 class Unjudged(Enum):
-    """Why nothing is known of a term."""
+    """Reason why nothing is known of a term."""
 
     HIDDEN = "noise of an input leaves nothing that would show it"
     REPRESENTED = "the parameters can stand for it"
 
 
 def judge_term(at: Optimum, term: Term) -> Score | Unjudged:
-    """Size and significance of a term."""
+    """Estimate size and significance of a term."""
     found = at.regress(term.columns, term.instruments)
     if found is None:
         return Unjudged.HIDDEN
     if not found.distinct:
         return Unjudged.REPRESENTED
     plain = _score(at, term, found.shifts, found.size, found.error, found.degrees)
-    return _beside_converter(at, term, plain, found.degrees)
+    return _allowing_for_converter(at, term, plain, found.degrees)
 
 
 def _score(
     at: Optimum, term: Term, shifts: FloatArray, size: float, error: float, degrees: int
 ) -> Score:
-    if term.changes:
-        shifts = shifts + 0.5 * size * np.equal(at.names, term.changes)
-    errors = shifts / at.errors
+    """Score of a term of that size, standard error and shifts of the parameters, ``(p,)``."""
+    if term.changed_parameter:
+        shifts = shifts + 0.5 * size * np.equal(at.names, term.changed_parameter)
+    errors = shifts / at.std_errors
     values = np.abs([at.number(n) for n in at.names])
     shares = np.full(values.size, np.inf)  # whatever is added to zero
     np.divide(np.abs(shifts), values, out=shares, where=values > np.finfo(float).tiny)
     worst = int(np.argmax(np.abs(errors)))
-    deviations = as_normal(size / max(error, 1e-300), term.chosen, degrees)
+    deviations = as_normal(size / max(error, 1e-300), term.directions, degrees)
     shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
@@ -145,18 +156,18 @@ def _score(
 def _needed_move(term: Term, deviations: float) -> float:
     """Standard errors by which a parameter has to move for a term to matter.
 
-    Noise may take as much from an error as the term added to it; where hardly a right model shows
-    such a term, less of a move is enough.
+    Noise may cancel as much of an error as the term adds; where a right model hardly ever shows
+    such a term, a smaller move counts.
     """
     seen = term.positive and deviations > policy.TERM_SEEN
     return policy.TERM_MOVES_ONE_SIDED if seen else policy.TERM_MOVES
 
 
-def as_normal(deviations: float, chosen: int, degrees: int) -> float:
-    """Standard errors of one known direction that are as rare, were their size known exactly.
+def as_normal(deviations: float, directions: int, degrees: int) -> float:
+    """Equally rare deviations of a standard normal variable.
 
-    These are the best of so many directions, in errors of so many ``degrees`` of freedom:
-    Student's t by Wallace [1]_, Fisher's F by Paulson [2]_.
+    Those given are of the best of so many ``directions``, in standard errors with ``degrees`` of
+    freedom: Student's t by Wallace [1]_, Fisher's F by Paulson [2]_.
 
     References
     ----------
@@ -165,23 +176,23 @@ def as_normal(deviations: float, chosen: int, degrees: int) -> float:
     .. [2] E. Paulson, "An approximate normalization of the analysis of variance distribution",
        Annals of Mathematical Statistics 13, 1942.
     """
-    if chosen == 1:
+    if directions == 1:
         size = (1.0 - 2.0 / (8.0 * degrees + 3.0)) * np.sqrt(
             degrees * np.log1p(deviations**2 / degrees)
         )
         return float(np.copysign(size, deviations))
-    left = max(degrees - chosen + 1, 1)  # the other directions are not in the error
-    ratio = np.cbrt(deviations**2 / chosen * left / degrees)
-    above, below = 2.0 / (9.0 * chosen), 2.0 / (9.0 * left)
+    left = max(degrees - directions + 1, 1)  # the other directions are not in the error
+    ratio = np.cbrt(deviations**2 / directions * left / degrees)
+    above, below = 2.0 / (9.0 * directions), 2.0 / (9.0 * left)
     size = ((1.0 - below) * ratio - (1.0 - above)) / np.sqrt(below * ratio**2 + above)
     return float(np.copysign(max(size, 0.0), deviations))
 
 
-def _beside_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Score:
-    """The same by rows as they are, with the errors of a coarse converter not taken for noise.
+def _allowing_for_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Score:
+    """The score from rows as they are, with the errors of a coarse converter not taken for noise.
 
-    That takes longer, and is asked only where it may excuse what would be said. Of other terms it
-    is not known then how large they could be without a word.
+    This takes longer and is done only for significant terms, of which it may clear some. For the
+    others it is then unknown how large they could be unseen.
     """
     steps = [s.resolution for s in at.series]
     if at.treatment or at.instruments or not is_coarse(max(steps), at.sigma):
@@ -228,7 +239,7 @@ def _notice(at: Optimum, s: Score) -> Notice:
     share = as_share(s.shift, value)
     off = f"{s.shift:+.3g}{at.unit(s.parameter)}{share}"
     moved = f"would then change by {off}, more than its interval allows for"
-    if s.term.changes == s.parameter:
+    if s.term.changed_parameter == s.parameter:
         moved = f"is then off by {off} at the end, more than its interval allows for"
     if not spec.minimum <= value + s.shift <= spec.maximum:
         moved = "would then leave its range: it cannot be trusted"

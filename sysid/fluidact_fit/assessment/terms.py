@@ -25,38 +25,38 @@ from . import policy
 from .optimum import Optimum, Series, delayed, root_mean_square
 
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
-_SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
-_SAMPLED = 2.0  # ratio of the changes by a whole sample and a tenth, up to which they are one
-_ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
-_PART = 0.01  # of its range, by which a channel is bowed, and most play of one
-_PLACES = 9  # over the range of an input, between which its characteristic is straight
-_NARROW = 0.001  # of its range, width of the play tried: a wider one starts late
-_ABOVE = 6.0  # times its noise at least: a narrower one follows the noise
-_CLOCK = "Check that one clock stamps all channels; look for delays of filters, buses and valves."
-_CLOCKS = (
+_INPUT_SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
+_SAMPLED_RATIO = 2.0  # of the changes by a whole sample and by that shift, up to which both agree
+_ROUGH_CHANNEL = 0.05  # noise of a simulated channel, in standard deviations of its residual
+_SHAPE_SIZE = 0.01  # of its range, by which a channel is bent to try a shape; most play of one
+_CURVE_NODES = 9  # of a characteristic of straight lines over the range of an input
+_LEAST_PLAY = 0.001  # of the range, width of the play tried: a wider one starts late
+_PLAY_PER_NOISE = 6.0  # least width of that play, per noise: a narrower one follows the noise
+_CLOCK_REMEDY = (
+    "Check that one clock stamps all channels; look for delays of filters, buses and valves."
+)
+_CLOCK_RATE_REMEDY = (
     "Two clocks stamp the channels, and one is faster. Record with one clock, or correct the time "
     "of one channel; within a short --window it matters less."
 )
-_LAG = (
+_LAG_REMEDY = (
     "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
     "that this family does not have. A lead: look for those of an input, or for a missing mass. "
     "Noise of an input and gaps look alike; resolve those warnings first."
 )
-_WARM = (
+_CHANGE_REMEDY = (
     "One set of values does not hold for the whole log: let the machine warm up, hold supply "
     "pressure and load, or fit parts of the log by themselves (--window)."
 )
-_PLAY = (
+_PLAY_REMEDY = (
     "Check the coupling of the sensor, its hysteresis, and friction beside what the model has: "
     "they look alike."
 )
-_BOW = (
+_SHAPE_REMEDY = (
     "Check the characteristic of the sensor or valve (--scale is a straight line), or fit a "
     "smaller range; the family force-map takes any shape."
 )
-
-
-_NO_OPTION = (
+_NO_OPTION_REMEDY = (
     "No option gives that: look for an input that is filtered or stamped late, or for something "
     "else that the model lacks."
 )
@@ -71,28 +71,29 @@ class Term:
     name, unit
         As the file has them.
     words, remedy
-        What a size would mean (what follows "the data fit better if"), and what to do.
+        Meaning of a size (what follows "the data fit better if"), and what to do.
     columns
-        Directions of every series per unit of the size, as the residuals are, ``(n_i,)``.
-    instruments
-        The same without noise of inputs, where that is known.
+        Change of every series per unit of the size, scaled as the residuals are, shape ``(n_i,)``
+        each.
     offered
-        Whether an option or a parameter of the family has it estimated: it is named first.
-    most
-        Largest possible size: beyond it the direction, or the channel, says nothing.
-    least
-        Part of a parameter that it has to move to count.
-    chosen
-        Out of how many directions the residual itself has chosen this one: by chance it then has
-        as much of it as of all of them.
+        Whether the family has an option or a parameter that estimates it: it is named first.
+    max_size
+        Largest size that is believed: beyond it the direction, or the channel, says nothing.
+    min_share
+        Relative change of a parameter from which the term counts.
+    directions
+        Number of directions among which the residual itself has chosen this one: by chance it has
+        as much of it as of all of them together.
     positive
-        Whether the size cannot be negative: it is judged from one side.
-    ends
-        Least and largest size that can be: no option estimates another.
-    enough
-        Size beyond which the term matters even where it moves no parameter.
-    changes
-        Parameter of which it is a change: at either end of a log it is off by half of the size.
+        Whether the size cannot be negative: the test is then one-sided.
+    size_range
+        Smallest and largest size that is possible: no option estimates another.
+    instruments
+        The columns without noise of inputs, where that is known.
+    matters_from
+        Size from which the term matters even where it moves no parameter.
+    changed_parameter
+        Parameter of which the size is the change over a log: at either end it is off by half of it.
     """
 
     name: str
@@ -101,23 +102,24 @@ class Term:
     remedy: str
     columns: Sequence[FloatArray]
     offered: bool = False
-    most: float = np.inf
-    least: float = policy.LEAST
-    chosen: int = 1
+    max_size: float = np.inf
+    min_share: float = policy.LEAST
+    directions: int = 1
     positive: bool = False
-    ends: tuple[float, float] = (-np.inf, np.inf)
+    size_range: tuple[float, float] = (-np.inf, np.inf)
     instruments: Sequence[FloatArray] = ()
-    enough: float = np.inf
-    changes: str = ""
+    matters_from: float = np.inf
+    changed_parameter: str = ""
 
     def advice(self, size: float) -> str:
-        """What to do about a size."""
-        return self.remedy if self.ends[0] <= size <= self.ends[1] else _NO_OPTION
+        """Return the remedy for a size."""
+        low, high = self.size_range
+        return self.remedy if low <= size <= high else _NO_OPTION_REMEDY
 
 
 def terms_over_time(at: Optimum) -> Iterator[Term]:
     """Yield terms that change between logs or within one: judged over whole logs."""
-    yield from _levels(at)
+    yield from _log_offsets(at)
     for role in at.roles:
         yield _drift(at, role)
     if all(s.experiment.time.size for s in at.series):
@@ -128,28 +130,28 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
     """Yield terms that are always there: parameters and effects of the family, lags, shapes."""
     if len(at.roles) > 1:
         for role in at.roles:
-            yield _zero(at, role)
-    yield from _parameters(at)
-    yield from _effects(at)
+            yield _sensor_zero(at, role)
+    yield from _held_parameters(at)
+    yield from _family_effects(at)
     inputs = [at.signal(role) for role in at.driving if role not in at.roles]
     for signal in inputs:
         yield from _input_shapes(at, signal)
     if not all(e.time.size for e in at.experiments):
         for signal in inputs:
-            yield _late_by_rows(at, signal.role)
+            yield _input_delay_in_rows(at, signal.role)
         return  # rows that need not be in order
     step = min(e.sample_time for e in at.experiments)
     for role in at.driving:
-        yield from _late(at, role, step)
+        yield from _input_delays(at, role, step)
     for role in at.roles:
-        yield from _lags(at, role, step)
+        yield from _output_lags(at, role, step)
         yield from _output_play(at, role)
     for signal in inputs:
         yield from _input_play(at, signal)
 
 
-def _levels(at: Optimum) -> Iterator[Term]:
-    """An output that lies beside that of the other logs, unless each has an offset of its own."""
+def _log_offsets(at: Optimum) -> Iterator[Term]:
+    """Yield an offset of the output of every log, unless each has one of its own in the fit."""
     role = at.variant.output
     logs = {s.experiment.log: s.experiment.name.split("#")[0] for s in at.series}
     if len(logs) < 2 or any(s.own_level for s in at.series):
@@ -158,31 +160,31 @@ def _levels(at: Optimum) -> Iterator[Term]:
     for log, name in logs.items():
         yield Term(
             f"offset of log {log + 1}", signal.unit,
-            partial(_level_words, name, signal), "Check the zero of the sensors, and whether this "
-            "log is of the same machine in the same state; fit it by itself.",
+            partial(_log_offset_words, name, signal), "Check the zero of the sensors, and whether "
+            "this log is of the same machine in the same state; fit it by itself.",
             [np.full(int(s.used.sum()), (s.role == role.name and s.experiment.log == log) / s.scale)
              for s in at.series],
         )  # fmt: skip
 
 
-def _level_words(name: str, signal: Signal, size: float) -> str:
+def _log_offset_words(name: str, signal: Signal, size: float) -> str:
     side = "above" if size > 0.0 else "below"
     return f"'{signal.role}' of {name} lies {signal.text(abs(size))} {side} that of the other logs"
 
 
-def _zero(at: Optimum, role: str) -> Term:
-    """A wrong zero of one of several channels: of their physics a level is a part."""
+def _sensor_zero(at: Optimum, role: str) -> Term:
+    """Wrong zero of one of several channels, whose levels are part of the physics."""
     signal = at.signal(role)
     return Term(
         f"zero of {role}", signal.unit,
-        lambda size: f"'{role}' shows {_more(signal, size)} than there is",
+        lambda size: f"'{role}' shows {_more_or_less(signal, size)} than there is",
         "Check the zero of the sensor at a known value, and correct the log.",
         [np.full(int(s.used.sum()), (s.role == role) / s.scale) for s in at.series],
     )  # fmt: skip
 
 
 def _drift(at: Optimum, role: str) -> Term:
-    """A channel that drifts: with the time, or from the first row of a log to the last."""
+    """Drift of a channel: over time, or from the first row of a log to the last."""
     unit, text = at.signal(role).unit, at.signal(role).text
     of, it = ("", "the output") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
     timed = all(s.experiment.time.size for s in at.series)
@@ -202,31 +204,32 @@ def _drift(at: Optimum, role: str) -> Term:
 
 
 def _changing_parameters(at: Optimum) -> Iterator[Term]:
-    """Parameters that change evenly from the beginning of every log to its end."""
-    ways = []
+    """Yield parameters that change linearly from the beginning of every log to its end."""
+    ramps = []
     for s in at.series:
         t = all_of(s.experiment.time, s.used)
-        ways.append((t - t.mean()) / max(float(np.ptp(s.experiment.time)), np.finfo(float).tiny))
+        ramps.append((t - t.mean()) / max(float(np.ptp(s.experiment.time)), np.finfo(float).tiny))
     columns = {
-        k: [w * j[:, k] for w, j in zip(ways, at.jacobians)]
+        k: [ramp * j[:, k] for ramp, j in zip(ramps, at.jacobians)]
         for k, name in enumerate(at.names) if name in at.solution.parameters
     }  # fmt: skip
     columns = {k: c for k, c in columns.items() if root_mean_square(c) > 1e-12 * at.sigma}
     for k, own in columns.items():
         spec = at.variant.parameter(at.names[k])
+        words = partial(_change_words, spec.name, at.unit(spec.name))
         yield Term(
-            f"change of {spec.name}", spec.unit, partial(_changes, spec.name, at.unit(spec.name)),
-            _WARM, own, chosen=len(columns), changes=spec.name,
-            instruments=[w * z[:, k] for w, z in zip(ways, at.instruments)],
+            f"change of {spec.name}", spec.unit, words, _CHANGE_REMEDY, own,
+            directions=len(columns), changed_parameter=spec.name,
+            instruments=[ramp * z[:, k] for ramp, z in zip(ramps, at.instruments)],
         )  # fmt: skip
 
 
-def _changes(name: str, unit: str, size: float) -> str:
+def _change_words(name: str, unit: str, size: float) -> str:
     return f"{name} changes by {size:+.3g}{unit} from the beginning of a log to its end"
 
 
-def _parameters(at: Optimum) -> Iterator[Term]:
-    """Parameters of the family that were not estimated."""
+def _held_parameters(at: Optimum) -> Iterator[Term]:
+    """Yield parameters of the family that were not estimated."""
     possible = {spec.name for spec in at.variant.parameters}
     freed = {o.frees: o for o in describe(at.family.options_type) if o.frees in possible}
     table = at.solution.parameters
@@ -247,13 +250,13 @@ def _parameters(at: Optimum) -> Iterator[Term]:
         elif name in freed:
             option += f", or --{freed[name].name}={freed[name].choices[-1]} without it"
         apart = spec.general and name not in table
-        words = partial(_apart, spec) if apart else partial(_instead, spec, value)
-        ends = (-np.inf, np.inf) if apart else (spec.minimum - value, spec.maximum - value)
-        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True, ends=ends,
-                   instruments=instruments)  # fmt: skip
+        words = partial(_distance_words, spec) if apart else partial(_value_words, spec, value)
+        size_range = (-np.inf, np.inf) if apart else (spec.minimum - value, spec.maximum - value)
+        yield Term(name, spec.unit, words, f"Try {option}.", columns, offered=True,
+                   size_range=size_range, instruments=instruments)  # fmt: skip
 
 
-def _effects(at: Optimum) -> Iterator[Term]:
+def _family_effects(at: Optimum) -> Iterator[Term]:
     """Yield effects of a machine of this family that no parameter describes.
 
     One of several directions, such as initial states, is judged by the one that the residual
@@ -269,23 +272,32 @@ def _effects(at: Optimum) -> Iterator[Term]:
         columns = at.columns(channels)
         unit = at.signal(effect.of).unit if effect.of else effect.unit
         words = partial(_effect_words, effect, unit)
-        chosen = 1
+        directions = 1
         if width:
-            combined = _combine(at, columns)
+            combined = _combined_direction(at, columns)
             if combined is None:
                 continue
-            columns, chosen = combined
-        ends = (0.0 if effect.positive else -np.inf, np.inf)
+            columns, directions = combined
+        size_range = (0.0 if effect.positive else -np.inf, np.inf)
         yield Term(effect.name, unit, words, effect.remedy, columns, positive=effect.positive,
-                   ends=ends, offered=effect.offered, chosen=chosen)  # fmt: skip
+                   size_range=size_range, offered=effect.offered,
+                   directions=directions)  # fmt: skip
 
 
-def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArray], int] | None:
-    """The combination of several directions that the residual chooses, of a largest part of one."""
+def _combined_direction(
+    at: Optimum, columns: Sequence[FloatArray]
+) -> tuple[list[FloatArray], int] | None:
+    """Combine several directions, shape ``(n_i, q)``, as the residual does.
+
+    Returns
+    -------
+    The one direction, in which the largest part is 1, and out of how many it was chosen; ``None``
+    where nothing is left of any beside the parameters.
+    """
     squares = sum(np.sum(c**2, axis=0) for c in columns)
     size = np.sqrt(squares / at.samples)
     size = np.where(size > 0.0, size, 1.0)
-    found = _together(at, [c / size for c in columns], 10.0 * at.sigma)
+    found = _joint_sizes(at, [c / size for c in columns], 10.0 * at.sigma)
     if found is None:
         return None
     sizes = found[0] / size
@@ -295,31 +307,31 @@ def _combine(at: Optimum, columns: Sequence[FloatArray]) -> tuple[list[FloatArra
 
 def _effect_words(effect: UnmodelledEffect, unit: str, size: float) -> str:
     if effect.positive and size < 0.0:
-        return _impossible(effect.name, size, unit)
+        return _impossible_words(effect.name, size, unit)
     return effect.words(size) if callable(effect.words) else effect.words
 
 
-def _impossible(name: str, value: float, unit: str) -> str:
+def _impossible_words(name: str, value: float, unit: str) -> str:
     return f"{name} were {value:.3g}{after_number(unit)}, which cannot be"
 
 
-def _instead(spec: ParameterSpec, value: float, change: float) -> str:
+def _value_words(spec: ParameterSpec, value: float, change: float) -> str:
     """Describe another value of a parameter."""
     if not spec.minimum <= value + change <= spec.maximum:
-        return _impossible(spec.name, value + change, spec.unit)
+        return _impossible_words(spec.name, value + change, spec.unit)
     return (
         f"{spec.name} is about {value + change:.3g}{after_number(spec.unit)} instead of {value:.3g}"
     )
 
 
-def _apart(spec: ParameterSpec, change: float) -> str:
+def _distance_words(spec: ParameterSpec, change: float) -> str:
     """Describe the distance of a parameter from the one that stood for it, which moves too."""
     side = "above" if change > 0.0 else "below"
     return f"{spec.name} is {abs(change):.3g}{after_number(spec.unit)} {side} {spec.general}"
 
 
-def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
-    """An input that acts later than recorded: always, or more and more from the start of a log."""
+def _input_delays(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """Yield an input that acts later than recorded, by a constant or a growing delay."""
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
@@ -328,66 +340,68 @@ def _late(at: Optimum, role: str, step: float) -> Iterator[Term]:
     def more(size: float) -> str:
         return f"{words(size)} for every second since the start of the log"
 
-    columns = later(at, role, step)
-    yield Term(f"delay of {role}", "s", words, _CLOCK, columns)
+    columns = change_by_delay(at, role, step)
+    yield Term(f"delay of {role}", "s", words, _CLOCK_REMEDY, columns)
     begin: dict[int, float] = {}
     for e in at.experiments:
         begin[e.log] = min(float(e.time[0]), begin.get(e.log, np.inf))
     drifting = [(all_of(s.experiment.time, s.used) - begin[s.experiment.log]) * c
                 for s, c in zip(at.series, columns, strict=True)]  # fmt: skip
-    yield Term(f"clock of {role}", "1", more, _CLOCKS, drifting)
+    yield Term(f"clock of {role}", "1", more, _CLOCK_RATE_REMEDY, drifting)
 
 
-def later(at: Optimum, role: str, step: float) -> list[FloatArray]:
-    """Change of the output per second that an input comes later.
+def change_by_delay(at: Optimum, role: str, step: float) -> list[FloatArray]:
+    """Derivatives of every series by a delay of an input [per s], shape ``(n_i,)`` each.
 
     Half the difference of a delay and a lead by one sample where a model reads a held input at its
-    samples; as with :func:`_behind`, noise of the input does not tell it from the residual.
+    samples; as with :func:`_change_by_lag`, noise of the input does not tell it from the residual.
     """
     runs = at.experiments
-    near = at.change([delayed(e, role, _SHIFT * step) for e in runs])
+    near = at.change([delayed(e, role, _INPUT_SHIFT * step) for e in runs])
     if all(e.signals[role].hold == "zoh" for e in runs):
         late = at.change([_shifted(e, role, 1) for e in runs])
-        if root_mean_square(late) < _SAMPLED * root_mean_square(near):
+        if root_mean_square(late) < _SAMPLED_RATIO * root_mean_square(near):
             early = at.change([_shifted(e, role, -1) for e in runs])
             return [(a - b) / (2.0 * step) for a, b in zip(late, early, strict=True)]
-    return [c / (_SHIFT * step) for c in near]
+    return [c / (_INPUT_SHIFT * step) for c in near]
 
 
-def _late_by_rows(at: Optimum, role: str) -> Term:
-    """An input that acts rows later than recorded, in logs without a time."""
+def _input_delay_in_rows(at: Optimum, role: str) -> Term:
+    """Delay of an input in rows, for logs without a time."""
     late, early = (at.change([_shifted(e, role, k) for e in at.experiments]) for k in (1, -1))
 
     def words(size: float) -> str:
         return f"'{role}' acts {abs(size):.2g} rows {'later' if size > 0.0 else 'earlier'}"
 
     columns = [0.5 * (a - b) for a, b in zip(late, early, strict=True)]
-    return Term(f"delay of {role}", "1", words, _CLOCK, columns)
+    return Term(f"delay of {role}", "1", words, _CLOCK_REMEDY, columns)
 
 
 def _shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
-    """The same run with the readings of an input that many rows later; the ends keep theirs."""
+    """The same run with the readings of an input shifted by rows; its ends are repeated."""
     values = experiment[role]
     source = np.clip(np.arange(values.size) - rows, 0, values.size - 1)
     return experiment.with_readings(role, values[source])
 
 
-def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
-    """Lags behind a channel that was fitted."""
+def _output_lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """Yield first-order lags of a channel that was fitted."""
     of, response = ("", "the response") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
     for lag in _LAGS:
-        columns = [_behind(at, s, lag * step) if s.role == role else np.zeros(int(s.used.sum()))
-                   for s in at.series]  # fmt: skip
+        columns = [
+            _change_by_lag(at, s, lag * step) if s.role == role else np.zeros(int(s.used.sum()))
+            for s in at.series
+        ]
         yield Term(
             f"lag{of} of {lag:g} samples", "s",
             lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
             f"{as_time(abs(size))}",
-            _LAG, columns, most=policy.FARTHEST_LAG * lag * step,
+            _LAG_REMEDY, columns, max_size=policy.FARTHEST_LAG * lag * step,
         )  # fmt: skip
 
 
-def _behind(at: Optimum, s: Series, lag: float) -> FloatArray:
-    """Change of a simulated channel per second of a first-order lag [s] behind it.
+def _change_by_lag(at: Optimum, s: Series, lag: float) -> FloatArray:
+    """Change of a simulated channel per second of a first-order ``lag`` [s], shape ``(n_i,)``.
 
     Half the difference of a lag and a lead: noise of a measured input, which is in the residual as
     well, has no direction in time.
@@ -397,18 +411,21 @@ def _behind(at: Optimum, s: Series, lag: float) -> FloatArray:
     if not e.uniform or abs(float(t[-1] - t[0]) - (t.size - 1) * step) > 0.5 * step:
         grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, s.simulated)
-    change = _lagging(even, step, lag)
+    change = _first_order_lag(even, step, lag)
     change -= even
-    if noise_floor(even) > _ROUGH * at.sigma * s.scale:
-        lead = _lagging(even[::-1], step, lag)[::-1]
+    if noise_floor(even) > _ROUGH_CHANNEL * at.sigma * s.scale:
+        lead = _first_order_lag(even[::-1], step, lag)[::-1]
         change = 0.5 * (change - (lead - even))
     if grid is not None:
         change = np.interp(t, grid, change)
     return np.asarray(all_of(change, s.used) / (lag * s.scale))
 
 
-def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
-    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s], from rest."""
+def _first_order_lag(even: FloatArray, step: float, lag: float) -> FloatArray:
+    """Response of a first-order lag [s] to an evenly sampled signal, from rest, shape ``(n,)``.
+
+    The signal follows straight lines between its samples.
+    """
     decay = float(np.exp(-step / lag))
     ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
     driven = (1.0 - ramp) * even
@@ -418,9 +435,9 @@ def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
 
 
 def _output_play(at: Optimum, role: str) -> Iterator[Term]:
-    """Play ``w`` of a sensor: ``x - w/2`` on the way up, ``x + w/2`` on the way down."""
+    """Yield play ``w`` of a sensor: ``x - w/2`` on the way up, ``x + w/2`` on the way down."""
     own = [s.simulated for s in at.series if s.role == role]
-    width = _width([all_of(values, np.isfinite(values)) for values in own])
+    width = _play_width([all_of(values, np.isfinite(values)) for values in own])
     if width is None:
         return
     channels = []
@@ -431,7 +448,7 @@ def _output_play(at: Optimum, role: str) -> Iterator[Term]:
             values = all_of(s.simulated, known)
             change[known] = _side_of_play(behind_play(values, width) - values)
         channels.append(change)
-    yield _shape(at, "play of", role, _played, _PLAY, at.columns(channels))
+    yield _shape_term(at, "play of", role, _play_words, _PLAY_REMEDY, at.columns(channels))
 
 
 def _side_of_play(shift: FloatArray) -> FloatArray:
@@ -444,55 +461,56 @@ def _side_of_play(shift: FloatArray) -> FloatArray:
     return np.asarray(0.5 * np.sign(shift[last]))
 
 
-def _shape(
+def _shape_term(
     at: Optimum, name: str, role: str, words: Callable[[Signal, float], str], remedy: str,
     columns: Sequence[FloatArray], unit: str = "", *, curved: bool = False,
 ) -> Term:  # fmt: skip
-    """A term of the shape of a channel: no larger than its range, and none is quite straight.
+    """Make a term of the shape of a channel: no larger than its range, and none is quite straight.
 
-    One that is ``curved`` beyond a part of its range has no gain that holds over all of it.
+    A ``curved`` channel matters by itself from a share of its range: no single gain holds over it.
     """
     signal = at.signal(role)
     ends = [(float(e[role].min()), float(e[role].max())) for e in at.experiments if role in e]
     span = max(high for _, high in ends) - min(low for low, _ in ends)
     return Term(
         f"{name} {role}", unit or signal.unit, partial(words, signal), remedy, columns,
-        most=1.0 if unit else span, least=policy.LEAST_BY_SHAPE,
-        enough=policy.CURVED * span if curved else np.inf,
+        max_size=1.0 if unit else span, min_share=policy.LEAST_BY_SHAPE,
+        matters_from=policy.CURVED * span if curved else np.inf,
     )  # fmt: skip
 
 
-def _width(records: Sequence[FloatArray]) -> float | None:
-    """Width of play that records show, ``None`` where it would be lost in their noise."""
+def _play_width(records: Sequence[FloatArray]) -> float | None:
+    """Width of play to test records for, ``None`` where it would be lost in their noise."""
     known = [r for r in records if r.size]
     if not known:
         return None
     span = max(float(r.max()) for r in known) - min(float(r.min()) for r in known)
-    width = max(_NARROW * span, _ABOVE * max(noise_floor(r) for r in known))
-    return width if 0.0 < width <= _PART * span else None
+    width = max(_LEAST_PLAY * span, _PLAY_PER_NOISE * max(noise_floor(r) for r in known))
+    return width if 0.0 < width <= _SHAPE_SIZE * span else None
 
 
 def _input_play(at: Optimum, signal: Signal) -> Iterator[Term]:
-    """Play of an input."""
+    """Yield play of an input."""
     role = signal.role
-    width = _width([e[role] for e in at.experiments])
+    width = _play_width([e[role] for e in at.experiments])
     if width is not None:
-        change = _change(at, role, lambda x: behind_play(x, width), width)
+        change = _change_by_reading(at, role, lambda x: behind_play(x, width), width)
         if change is not None:
-            yield _shape(at, "play of", role, _played, _PLAY, change)
+            yield _shape_term(at, "play of", role, _play_words, _PLAY_REMEDY, change)
 
 
 def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
-    """A bow, other gain and offset below zero, and any curve of straight lines between places."""
+    """Yield a bow, another gain and an offset below zero, and a curve of straight lines."""
     role, records = signal.role, [e[signal.role] for e in at.experiments]
     span = min(float(r.min()) for r in records), max(float(r.max()) for r in records)
     if span[0] == span[1]:
         return
-    places, known = np.linspace(*span, _PLACES), list[int]()
-    reach = _PART * (span[1] - span[0])
-    table = [np.zeros((r.size, _PLACES)) for r in at.residuals]
-    for k, only in enumerate(np.eye(_PLACES)):
-        hat = _change(at, role, partial(_raised, places=places, by=reach * only), reach)
+    places, known = np.linspace(*span, _CURVE_NODES), list[int]()
+    reach = _SHAPE_SIZE * (span[1] - span[0])
+    table = [np.zeros((r.size, _CURVE_NODES)) for r in at.residuals]
+    for k, only in enumerate(np.eye(_CURVE_NODES)):
+        bent = partial(_with_curve_added, places=places, by=reach * only)
+        hat = _change_by_reading(at, role, bent, reach)
         if hat is None:
             continue
         for c, values in zip(table, hat, strict=True):
@@ -503,51 +521,55 @@ def _input_shapes(at: Optimum, signal: Signal) -> Iterator[Term]:
     hats = [c[:, : len(known)] for c in table]
     place = np.asarray(places[known], dtype=float)
     bow = 1.0 - (2.0 * (place - span[0]) / (span[1] - span[0]) - 1.0) ** 2
-    yield _shape(at, "bow of", role, _bowed, _BOW, [c @ bow for c in hats], curved=True)
+    bowed = [c @ bow for c in hats]
+    yield _shape_term(at, "bow of", role, _bow_words, _SHAPE_REMEDY, bowed, curved=True)
     if span[0] < 0.0 < span[1]:
-        below = np.minimum(place, 0.0)
-        yield _shape(at, "gain below zero of", role, _steeper, _BOW, [c @ below for c in hats], "1")
-        aside = _change(at, role, lambda x: x + reach * (x < 0.0), reach)
+        below = [c @ np.minimum(place, 0.0) for c in hats]
+        yield _shape_term(at, "gain below zero of", role, _gain_words, _SHAPE_REMEDY, below, "1")
+        aside = _change_by_reading(at, role, lambda x: x + reach * (x < 0.0), reach)
         if aside is not None:
-            yield _shape(at, "offset below zero of", role, _aside, _BOW, aside)
-    found = _together(at, hats, reach)
+            yield _shape_term(at, "offset below zero of", role, _offset_words, _SHAPE_REMEDY, aside)
+    found = _joint_sizes(at, hats, reach)
     if found is None:
         return
     sizes, count = found
-    most = int(np.argmax(np.abs(sizes)))
-    words = partial(_bent, float(np.sign(sizes[most])), float(place[most]))
-    shape = sizes / max(abs(sizes[most]), np.finfo(float).tiny)
+    largest = int(np.argmax(np.abs(sizes)))
+    words = partial(_curve_words, float(np.sign(sizes[largest])), float(place[largest]))
+    shape = sizes / max(abs(sizes[largest]), np.finfo(float).tiny)
     columns = [c @ shape for c in hats]
-    curve = _shape(at, "characteristic of", role, words, _BOW, columns, curved=True)
-    yield replace(curve, chosen=count)
+    curve = _shape_term(at, "characteristic of", role, words, _SHAPE_REMEDY, columns, curved=True)
+    yield replace(curve, directions=count)
 
 
-def _raised(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
+def _with_curve_added(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
     return x + np.interp(x, places, by)
 
 
-def _change(
+def _change_by_reading(
     at: Optimum, role: str, other: Callable[[FloatArray], FloatArray], size: float
 ) -> list[FloatArray] | None:
-    """Return the change by another reading of an input, per unit of its size."""
+    """Change of every series by other readings of an input, per unit of their ``size``.
+
+    ``None`` where the output does not depend on them.
+    """
     found = at.change([e.with_readings(role, other(e[role])) for e in at.experiments])
     if not root_mean_square(found) > 1e-12 * at.sigma:
         return None
     return [c / size for c in found]
 
 
-def _together(
+def _joint_sizes(
     at: Optimum, columns: Sequence[FloatArray], scale: float
 ) -> tuple[FloatArray, int] | None:
-    """Sizes of several directions at once, as the residual has them beside the parameters.
+    """Fit the sizes of several directions to the residual at once, beside the parameters.
 
-    What the parameters can do as well is left to them: of sizes that fit alike these are the
-    least, ``scale`` being what is to be expected of one.
+    What the parameters explain as well is left to them: of sizes that fit alike these are the
+    smallest, ``scale`` being the size to be expected.
 
     Returns
     -------
-    The sizes, shape ``(q,)``, and how many of the directions are not those of parameters; ``None``
-    where none is.
+    The sizes, shape ``(q,)``, and the number of directions that the parameters do not explain;
+    ``None`` where there is none.
     """
     p, q = at.jacobians[0].shape[1], columns[0].shape[1]
     found = at.noise.triangle(columns)
@@ -565,27 +587,30 @@ def _together(
     return sizes, int(left.sum())
 
 
-def _played(signal: Signal, size: float) -> str:
-    return f"'{signal.role}' shows {_more(signal, -size)} on the way up than on the way down"
+def _play_words(signal: Signal, size: float) -> str:
+    change = _more_or_less(signal, -size)
+    return f"'{signal.role}' shows {change} on the way up than on the way down"
 
 
-def _bowed(signal: Signal, size: float) -> str:
-    return f"'{signal.role}' is a curve, {_more(signal, size)} amid its range than a straight line"
+def _bow_words(signal: Signal, size: float) -> str:
+    change = _more_or_less(signal, size)
+    return f"'{signal.role}' is a curve, {change} amid its range than a straight line"
 
 
-def _aside(signal: Signal, size: float) -> str:
-    return f"'{signal.role}' behaves as if {_more(signal, size)} than logged where it is negative"
+def _offset_words(signal: Signal, size: float) -> str:
+    change = _more_or_less(signal, size)
+    return f"'{signal.role}' behaves as if {change} than logged where it is negative"
 
 
-def _steeper(signal: Signal, size: float) -> str:
+def _gain_words(signal: Signal, size: float) -> str:
     change = f"{abs(100.0 * size):.3g} % {'larger' if size > 0.0 else 'smaller'}"
     return f"the effect of '{signal.role}' is {change} where it is negative than elsewhere"
 
 
-def _bent(sign: float, place: float, signal: Signal, size: float) -> str:
-    change = _more(signal, sign * size)
+def _curve_words(sign: float, place: float, signal: Signal, size: float) -> str:
+    change = _more_or_less(signal, sign * size)
     return f"'{signal.role}' behaves as if {change} than logged at {signal.text(place)}"
 
 
-def _more(signal: Signal, size: float) -> str:
+def _more_or_less(signal: Signal, size: float) -> str:
     return f"{signal.text(abs(size))} {'more' if size > 0.0 else 'less'}"
