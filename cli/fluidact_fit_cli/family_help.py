@@ -110,7 +110,7 @@ def family_options(family: Described) -> list[click.Parameter]:
 
 def _option(option: FamilyOption) -> Option:
     yes, no = f"--{option.name}", f"--no-{option.name}"
-    dest = _PREFIX + option.name.replace("-", "_")
+    dest = _PREFIX + option.keyword
     default = option.default
     if isinstance(default, bool):
         default = yes if default else no

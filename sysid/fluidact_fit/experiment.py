@@ -169,6 +169,11 @@ class Experiment:
         return role in self.signals
 
     @property
+    def log_name(self) -> str:
+        """Name of the log, without the run."""
+        return self.name.split("#")[0]
+
+    @property
     def units(self) -> dict[str, str]:
         """Role to SI unit."""
         return {role: signal.unit for role, signal in self.signals.items()}

@@ -73,6 +73,11 @@ class Option:
     formerly: str = ""
 
     @property
+    def keyword(self) -> str:
+        """Name of the field and keyword argument, with underscores for hyphens."""
+        return self.name.replace("-", "_")
+
+    @property
     def units(self) -> list[str]:
         """SI units that a number may be in: of linear and of rotary motion where it has both."""
         return self.unit.split(" or ") if self.unit else ["1"]

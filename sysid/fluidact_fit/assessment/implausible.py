@@ -47,7 +47,7 @@ def implausible_notices(causes: Sequence[Cause]) -> list[Notice]:
 def _given(family: Family[FamilyOptions], options: FamilyOptions) -> Iterator[Cause]:
     """Yield options whose number is out of all proportion in SI."""
     for option in describe(family.options_type):
-        value = getattr(options, option.name.replace("-", "_"))
+        value = getattr(options, option.keyword)
         if option.unit == "Pa" and value is not None and 0.0 < value < policy.LEAST_GIVEN:
             yield Cause(
                 f"--{option.name} {value:g} is in Pa, too little to move anything: it seems "

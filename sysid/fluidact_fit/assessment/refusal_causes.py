@@ -125,7 +125,7 @@ def _correlations(first: FloatArray, second: FloatArray, lags: Sequence[int] = _
 
 def _reversed_signs(runs: Sequence[Experiment], role: str, output: str) -> Iterator[Cause]:
     """Yield an output that moves against an input, in all logs or in some of them."""
-    signs = {f"log {e.log + 1} ({e.name.split('#')[0]})": _direction(e, role, output) for e in runs}
+    signs = {f"log {e.log + 1} ({e.log_name})": _direction(e, role, output) for e in runs}
     against = [name for name, sign in signs.items() if sign < 0]
     along = [name for name, sign in signs.items() if sign > 0]
     if against and not along:

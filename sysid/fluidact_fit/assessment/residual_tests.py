@@ -121,7 +121,7 @@ def _channel_notice(
     given = [
         f"--{o.name}"
         for o in describe(family.options_type)
-        if o.kind == "float" and getattr(solution.options, o.name.replace("-", "_"))
+        if o.kind == "float" and getattr(solution.options, o.keyword)
     ]
     numbers = f"the given numbers ({', '.join(given)}), " if given else ""
     return Notice(

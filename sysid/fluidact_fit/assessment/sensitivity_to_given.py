@@ -83,10 +83,9 @@ def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
         if q.status == "fixed" and isinstance(q.value, float) and q.value:
             yield name, at.change(plant=moved(at.plant, name, _PERCENT * q.value))
     for option in describe(at.family.options_type):
-        field = option.name.replace("-", "_")
-        value = getattr(at.plant.options, field)
+        value = getattr(at.plant.options, option.keyword)
         if option.kind == "float" and value:
-            options = replace(at.plant.options, **{field: value * (1.0 + _PERCENT)})
+            options = replace(at.plant.options, **{option.keyword: value * (1.0 + _PERCENT)})
             yield option.name, at.change(plant=replace(at.plant, options=options))
 
 

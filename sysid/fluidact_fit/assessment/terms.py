@@ -153,7 +153,7 @@ def terms_at_any_time(at: Optimum) -> Iterator[Term]:
 def _log_offsets(at: Optimum) -> Iterator[Term]:
     """Yield an offset of the output of every log, unless each has one of its own in the fit."""
     role = at.variant.output
-    logs = {s.experiment.log: s.experiment.name.split("#")[0] for s in at.series}
+    logs = {s.experiment.log: s.experiment.log_name for s in at.series}
     if len(logs) < 2 or any(s.own_level for s in at.series):
         return
     signal = at.signal(role.name)

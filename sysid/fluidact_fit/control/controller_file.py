@@ -271,7 +271,7 @@ def _section(
     if not isinstance(given, dict):
         problems.add((name,), "is not a mapping of keys to values")
         return kind()
-    known = {o.name.replace("-", "_"): o for o in describe(kind)}
+    known = {o.keyword: o for o in describe(kind)}
     values = {}
     for key, value in given.items():
         place: Location = (name, key)

@@ -93,7 +93,7 @@ class Fitted(Solved):
         logs, kept = [e.log for e in experiments], self._reported()
         if len(set(logs)) < 2 or not kept or self.from_scores:
             return {}, []
-        label = {e.log: e.name.split("#")[0] for e in experiments}
+        label = {e.log: e.log_name for e in experiments}
         jacobian = [j[:, kept] for j in self.solution.jacobian]
         names = [self.names[k] for k in kept]
         drifts, errors = compare_logs(jacobian, self.solution.residuals, logs, names)

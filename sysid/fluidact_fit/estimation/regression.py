@@ -311,7 +311,7 @@ class Estimator:
         least = (self.model.least_residual, self.spike)
         start = np.array([rise.speed if n == "stribeck_speed" else 0.0 for n in self.names])
         best = _solve(a, a, y, least)
-        found = self._spread(runs, tables, best, a)
+        found = self._spread(runs, best, a)
         errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
         added = self._noise_products(runs, best.weight)
         bias = best.inverse @ added @ best.values
@@ -324,7 +324,7 @@ class Estimator:
                 [_stack(b, self.names, {**b.columns, **b.instruments}) for b in runs]
             )
             best = _solve(a, z, y, least)
-            found = _reaching(self._spread(runs, tables, best, z), best, a, z, y)
+            found = _reaching(self._spread(runs, best, z), best, a, z, y)
         elif noisy:
             variances = np.where(drowned, np.inf, errors**2 + bias**2)
             found = replace(found, covariance=enlarge(found.covariance, variances))
@@ -361,13 +361,7 @@ class Estimator:
             return x
         return bounded_least_squares(a, a @ x, low, high)[0]
 
-    def _spread(
-        self,
-        runs: Sequence[Balance],
-        tables: Sequence[tuple[FloatArray, FloatArray]],
-        best: _Robust,
-        z: FloatArray,
-    ) -> Uncertainty:
+    def _spread(self, runs: Sequence[Balance], best: _Robust, z: FloatArray) -> Uncertainty:
         """Covariance: of autocorrelated noise, and no less than the scores scatter.
 
         Noise may be larger where it matters more: about reversals, or in a steep Stribeck term.

@@ -87,11 +87,11 @@ def _options(block: Block) -> Iterator[Entry]:
     kind = get_family(block.family).options_type
     options = block.document.settled_options(kind)
     for option in describe(kind, every=True):
-        value = getattr(options, option.name.replace("-", "_"))
+        value = getattr(options, option.keyword)
         if value is None or (isinstance(value, str) and plain_text(value) != value):
             continue  # a text that another language might take for more stays in the metadata
         plain: Plain = [float(v) for v in value] if option.kind == "range" else value
-        key = f"options.{option.name.replace('-', '_')}"
+        key = f"options.{option.keyword}"
         yield Entry(key, plain, option.unit, option.help)
 
 

@@ -165,7 +165,7 @@ def check_signals(
 
 def find_constant_signals(variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
     """Report signals that never change, unless each log has a value of its own: those were set."""
-    logs = {e.log: e.name.split("#")[0] for e in experiments}
+    logs = {e.log: e.log_name for e in experiments}
     for role in (r.name for r in variant.roles):
         ends: dict[int, tuple[float, float]] = {}
         for e in experiments:

@@ -46,6 +46,11 @@ def to_number(text: str) -> float:
     return float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
 
 
+def count_filled(cells: Sequence[str]) -> int:
+    """Number of cells without the empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
+
+
 def says_nothing(cell: str) -> bool:
     """True if a cell is empty, or says that there is no number: ``n/a``, ``#REF!``, ``***``."""
     return cell.casefold() in _NO_VALUE or _SIGNS.fullmatch(cell) is not None

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ..errors import LogError, Notice
 from .groups import group_columns
-from .layout import Counted, Group, Hints, Layout, Written, split_cells
+from .layout import Counted, Group, Hints, Layout, Written, count_filled, split_cells
 from .source import Source
 
 _HEAD = 1 << 22  # bytes in which the samples have to begin
@@ -88,7 +88,7 @@ def _require_table(
             expected="Expected the names of the channels, and lines of numbers below them.",
             remedy="Export the recording again, with its channels and their samples.",
         )
-    filled = _filled(cells)
+    filled = count_filled(cells)
     if filled > len(names):
         both = delimiter == ","
         raise LogError(
@@ -100,11 +100,6 @@ def _require_table(
             if both
             else "Export the recording again.",
         )
-
-
-def _filled(cells: Sequence[str]) -> int:
-    """Number of cells without the empty ones at the end."""
-    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
 
 
 def _build(
@@ -123,7 +118,7 @@ def _build(
     times = [group.time for group in groups if group.time is not None]
     width, clocks, time_unit = len(names), {}, "ms"
     # Columns of time that are left out, or there but blank.
-    left_out = _filled(cells) == len(held)
+    left_out = count_filled(cells) == len(held)
     if left_out or not any(cells[k] for k in times if k < len(cells)):
         width = len(held) if left_out else len(names)
         groups = _counted(held, attributes.get("SampleTime[ms]", ()), first, left_out)

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from ..errors import LogError
 from ..units import SUFFIXES, looks_like_unit, parse_unit_from_header
-from .layout import Cut, says_nothing
+from .layout import Cut, count_filled, says_nothing
 from .log import count_of
 from .stamps import is_time_name
 
@@ -43,7 +43,7 @@ def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) 
         return cut, 0
     cells = cut.width + cut.trailing
     rows = [row for row in map(cut.split, body) if len(row) >= cut.width]
-    filled = max((_filled(row) for row in rows), default=cells)
+    filled = max((count_filled(row) for row in rows), default=cells)
     for index in _above(lines, start):
         names = _names(lines[index], cut)
         count = len(names)
@@ -170,7 +170,7 @@ def _above(lines: Sequence[str], start: int) -> list[int]:
 def _names(line: str, cut: Cut) -> list[str]:
     """The cells of a line of names without empty ones at its end; empty for other lines."""
     cells = cut.split(_COMMENT.sub("", line))
-    cells = cells[: _filled(cells)]
+    cells = cells[: count_filled(cells)]
     words = [cell for cell in cells if cell]
     if len(words) < 2 or not all(_is_name(cell, cut) for cell in words):
         return []
@@ -179,8 +179,3 @@ def _names(line: str, cut: Cut) -> list[str]:
 
 def _is_name(cell: str, cut: Cut) -> bool:
     return any(map(str.isalpha, cell)) and not says_nothing(cell) and not cut.is_value(cell)
-
-
-def _filled(cells: Sequence[str]) -> int:
-    """Number of cells without the empty ones at the end."""
-    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
