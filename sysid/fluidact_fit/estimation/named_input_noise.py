@@ -14,7 +14,7 @@ from ..specification import NoiseLevel
 from .input_noise import Corrected, InputNoise, correct
 from .parametric import Fitted, no_effect
 from .problem import Problem
-from .results import Refusal, Solved, determine, left_open
+from .results import Refusal, Solved, determine, find_uninformative
 from .significance import DECISIVE
 from .whitening import Whitening
 
@@ -29,8 +29,8 @@ def correct_named(
     fitted: Fitted,
     *,
     refusals: Sequence[Refusal],
-    sensible: Mapping[str, float],
-    idle: Mapping[str, float],
+    max_half_widths: Mapping[str, float],
+    no_effect_at: Mapping[str, float],
 ) -> Fitted:
     """Estimate again from inputs with noise, and refuse what they do not determine.
 
@@ -41,10 +41,10 @@ def correct_named(
         parameters that are not held.
     fitted
         The fit that took the input for exact.
-    refusals, sensible, idle
-        As in :func:`.parametric.fit_named`. Noise of an input that adds up in the output can look
-        like an effect that is not there: a value that may, by its errors, be the idle one is
-        refused.
+    refusals, max_half_widths, no_effect_at
+        As in :func:`.parametric.fit_named`. Noise of an input that accumulates in the output can
+        look like an effect that does not exist: a value whose errors allow the one without effect
+        is refused.
     """
 
     def solve_with(held: Mapping[str, float]) -> tuple[Corrected, Solved]:
@@ -57,10 +57,10 @@ def correct_named(
         _, solved = attempt
         near = [
             no_effect(fitted.specs[n], value, fitted.unknowns[n].low)
-            for n, value in idle.items() if n in solved.names
+            for n, value in no_effect_at.items() if n in solved.names
             and abs(solved.values[n] - value) < DECISIVE**0.5 * solved.std_error(n)
         ]  # fmt: skip
-        return near or left_open(solved, fitted.specs, sensible)
+        return near or find_uninformative(solved, fitted.specs, max_half_widths)
 
     # what exact inputs leave undetermined, noisy ones do too; it may act on nothing at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())

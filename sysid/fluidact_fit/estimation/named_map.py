@@ -29,10 +29,10 @@ from .map import (
 )
 from .parametric import PROFILED
 from .profile_likelihood import profile_interval
-from .results import Refusal, Solved, determine, left_open
+from .results import Refusal, Solved, determine, find_uninformative
 from .significance import CERTAIN, DECISIVE
 from .solution import NoiseModel, Solution, make_solution
-from .uncertainty import information_units, reach, t_quantile
+from .uncertainty import information_units, t_quantile, widen_by
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 Law = Callable[[Mapping[str, Any], FloatArray], Array]
@@ -165,7 +165,7 @@ def fit_named_map(
     limits: Mapping[str, tuple[float, float]],
     request: Request[Any],
     *,
-    sensible: Mapping[str, float],
+    max_half_widths: Mapping[str, float],
     refusals: Sequence[Refusal],
     optional: Sequence[Refusal] = (),
 ) -> NamedFit:
@@ -177,12 +177,13 @@ def fit_named_map(
         ``starts(held)`` gives values to begin at.
     limits
         Lowest and highest values of the map's domain; those of ``request`` are kept as well.
-    sensible
-        Half-width beyond which a 95 % interval is useless; see :func:`.results.left_open`.
+    max_half_widths
+        Half-widths of 95 % intervals beyond which a parameter is refused, by name; see
+        :func:`.results.find_uninformative`.
     refusals
-        Parameters that no sample tells anything of.
+        Parameters that no sample determines.
     optional
-        Parts that are in the map only where the data demand them, held as they say otherwise.
+        Parts that the map has only where the data demand them, held as they say otherwise.
 
     Raises
     ------
@@ -235,7 +236,7 @@ def fit_named_map(
         return NamedFit(solved, [], found, data, jacobian, misfit)
 
     ended = determine(
-        finish, lambda f: left_open(f.solved, table, sensible), table,
+        finish, lambda f: find_uninformative(f.solved, table, max_half_widths), table,
         fixed=request.fixed, refusals=out,
     )  # fmt: skip
     last = ended.solution
@@ -260,7 +261,7 @@ def _with_intervals(solved: Solved, found: MapFit, data: NamedRows, jacobian: Fl
              if cost - found.cost < DECISIVE * float(np.median(unit[usable]))]  # fmt: skip
     for change in (theta - found.theta for theta in alike):
         if np.any(np.abs(change[usable]) > CERTAIN * np.sqrt(np.diag(matrix)[usable])):
-            matrix = reach(matrix, change)
+            matrix = widen_by(matrix, change)
     quantile, intervals = t_quantile(0.975, solved.degrees), {}
     for k in np.flatnonzero(usable).tolist():
         rise = partial(_rise, model, found, alike, data, matrix, k, float(unit[k]))

@@ -1,8 +1,8 @@
-"""From a model with named physical parameters to estimates with intervals.
+"""Fit of a model with named physical parameters, with intervals and refusals.
 
-Families describe a model by a function of named values; fixing, seeding, bounding,
-refusing what the data cannot determine, and turning the covariance into intervals happen
-here, once, for all of them.
+A family describes its model as a function of named values. Holding, seeding and bounding
+parameters, refusing those that the data cannot determine, and turning the covariance into intervals
+happen here for all of them.
 """
 
 from __future__ import annotations
@@ -25,29 +25,33 @@ from .least_squares import scaled_least_squares
 from .named_model import NamedModel, bind
 from .problem import StationaryPoint, Unknown
 from .profile_likelihood import Interval, profile_interval
-from .results import Refusal, Solved, determine, left_open
+from .results import Refusal, Solved, determine, find_uninformative
 from .separable import Search, solve, solve_from
 from .significance import DECIDED, DECISIVE
 from .uncertainty import Uncertainty, information_units, model_of_residuals, t_quantile
 
 PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
-BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
-_NEAR = 1e-10  # damping of a search that begins near its end
+_NEAR_LIMIT = 0.1  # of a value: closer to the limit of the search it may have been stopped there
+_DAMPING_NEAR_END = 1e-10  # of a search that begins near its end
 
 
 @dataclass(frozen=True)
 class Fitted(Solved):
-    """A finished search: values by name, covariance, and what is known of its quality.
+    """A finished search: values by name, covariance, and the quality of the search.
 
     Attributes
     ----------
     order
         Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`.
     from_scores
-        Whether the covariance is that of the scores, and no model of the residuals is known: the
-        rows are not samples of the output alone, and :meth:`sensitivity` is empty.
+        Whether the covariance is that of the scores, without a model of the residuals: the rows are
+        not samples of the output alone, and :meth:`sensitivity` is empty.
+    search, solution
+        The search, and its best point.
+    specs, unknowns
+        Parameters of the family, and unknowns of the model, by name.
     factors
-        Weights by log that made its residuals as large as those of the others.
+        Weights by log that make its residuals as large as those of the others.
     logs
         The log of every experiment.
     extra_details
@@ -72,9 +76,12 @@ class Fitted(Solved):
         return [k for k, n in enumerate(self.names) if n in self.specs]
 
     def sensitivity(self) -> list[FloatArray]:
-        """Derivative of every output by the reported parameters, nuisance projected out."""
+        """Derivatives of every output by the reported parameters, shape ``(n_i, q)`` each.
+
+        Nuisance unknowns are projected out; empty where the covariance is that of the scores.
+        """
         if self.from_scores:
-            return []  # or the score was corrected for noise of an input
+            return []  # also where the score was corrected for noise of an input
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
         parts = self.solution.jacobian
@@ -89,7 +96,7 @@ class Fitted(Solved):
     def compare_logs(
         self, experiments: Sequence[Experiment]
     ) -> tuple[dict[str, Any], list[Notice]]:
-        """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
+        """Leave-one-log-out errors and drift as entries for the file, and warnings."""
         logs, kept = [e.log for e in experiments], self._reported()
         if len(set(logs)) < 2 or not kept or self.from_scores:
             return {}, []
@@ -154,8 +161,8 @@ def fit_named(
     starts: Sequence[Mapping[str, float]],
     *,
     refusals: Sequence[Refusal] = (),
-    sensible: Mapping[str, float] | None = None,
-    idle: Mapping[str, float] | None = None,
+    max_half_widths: Mapping[str, float] | None = None,
+    no_effect_at: Mapping[str, float] | None = None,
     part: NamedModel | None = None,
     again: Sequence[Mapping[str, float]] = (),
 ) -> Fitted:
@@ -169,17 +176,17 @@ def fit_named(
         Start values of the nonlinear parameters; the user's ``--start`` wins.
     refusals
         Parameters known beforehand to be undetermined.
-    sensible
-        Per parameter the width beyond which its 95 % interval is uninformative
-        (default: its own value).
-    idle
-        Values at which a parameter has no effect on these logs, such as the edge of a dead
-        zone at the largest input. One that is not better than that by far is refused.
+    max_half_widths
+        Half-widths of 95 % intervals beyond which a parameter is refused, by name (default: its own
+        value).
+    no_effect_at
+        Values at which a parameter has no effect on these logs, by name, such as the edge of a dead
+        zone at the largest input. One that does not fit far better than that is refused.
     part
-        The same model of part of long logs. What that decides, the whole would decide as well.
+        The same model of part of long logs. A parameter that it decides needs no look at the rest.
     again
-        Where to begin as well once something is refused: a search may have dragged the others
-        along with that.
+        Further starts once something is refused: a search may have dragged other parameters along
+        with it.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
@@ -191,9 +198,9 @@ def fit_named(
         return _attempt(model, unknowns, held, [{**s, **request.start} for s in some])
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
-        silent = _without_effect(attempt, unknowns, by_name, idle or {}, part)
+        silent = _without_effect(attempt, unknowns, by_name, no_effect_at or {}, part)
         ends = _at_limits(attempt.solved, by_name, unknowns, request)
-        return silent or ends or left_open(attempt.solved, by_name, sensible or {})
+        return silent or ends or find_uninformative(attempt.solved, by_name, max_half_widths or {})
 
     found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
     attempt, solved = found.solution, found.solution.solved
@@ -217,16 +224,16 @@ def _at_limits(
     unknowns: Mapping[str, Unknown],
     request: Request[FamilyOptions],
 ) -> list[Refusal]:
-    """A parameter that ends where the search does: it was stopped, not measured.
+    """Refuse a parameter that ends at the limit of the search: it was stopped, not measured.
 
-    So was one that stops just short of it, where its interval reaches across. The ends of the
-    possible range, and bounds that the user gave, are results like any other.
+    So was one that stops just short of the limit, if its interval reaches across. The ends of the
+    physical range, and bounds that the user gave, are results like any other.
     """
     for name in solved.names:
         if name not in specs or name in request.bounds:
             continue
         value, u, spec = float(solved.values[name]), unknowns[name], specs[name]
-        near = min(solved.half_width(name), BESIDE * abs(value))
+        near = min(solved.half_width(name), _NEAR_LIMIT * abs(value))
         if (value - near <= u.low and u.low > spec.minimum) or (
             value + near >= u.high and u.high < spec.maximum
         ):
@@ -235,7 +242,7 @@ def _at_limits(
 
 
 def at_end_of_search(name: str, value: float, unit: str) -> Refusal:
-    """Refuse a parameter that ends where its search does."""
+    """Make the refusal of a parameter that ends at the limit of its search [``unit``]."""
     return Refusal(
         name,
         f"it ends at {value:.3g}{after_number(unit)}, at the search limit. If the true value "
@@ -266,8 +273,10 @@ def _attempt(
     problem = bind(model, unknowns, held)
     begin = [problem.vector(s) for s in starts]
     rows = sum(y.size for y in model.measured)
-    # of long logs a part was fitted before, mostly: the starts are near, or a step is rejected
-    limits: dict[str, Any] = {"tolerance": 1e-3, "damping": _NEAR} if rows > PROFILED else {}
+    # part of a long log was usually fitted before: the starts are near, or a step is rejected
+    limits: dict[str, Any] = (
+        {"tolerance": 1e-3, "damping": _DAMPING_NEAR_END} if rows > PROFILED else {}
+    )
     search = solve_from(problem, begin, **limits)
     best, fair = search.best, model
     factors = _balance(model, best)
@@ -285,20 +294,20 @@ def _without_effect(
     attempt: _Attempt,
     unknowns: Mapping[str, Unknown],
     specs: Mapping[str, ParameterSpec],
-    idle: Mapping[str, float],
+    no_effect_at: Mapping[str, float],
     part: NamedModel | None,
 ) -> list[Refusal]:
-    """Parameters that explain the data hardly better than if they had no effect at all.
+    """Refuse parameters that explain the data hardly better than without any effect.
 
-    The likelihood ratio decides. An interval cannot: beside the value at which a parameter ceases
-    to act, a few samples of noise give it a sharp and accidental optimum. What ``part`` of the
-    logs tells, far beyond doubt, needs no look at the others, which can only add to it.
+    The likelihood ratio decides. An interval cannot: near the value at which a parameter ceases to
+    act, a few samples of noise give it a sharp but accidental optimum. A parameter that ``part`` of
+    the logs shows far beyond doubt is not tested on all of them, which can only add to it.
     """
     out = []
     order = [n for n in attempt.solved.names if n in attempt.fair.nonlinear]
-    units = cost_units(attempt.best, attempt.solved.covariance) if idle else np.zeros(0)
+    units = cost_units(attempt.best, attempt.solved.covariance) if no_effect_at else np.zeros(0)
     units = np.nan_to_num(units, nan=float(np.nanmin(units, initial=np.inf)))
-    for name, value in idle.items():
+    for name, value in no_effect_at.items():
         if name not in order:
             continue
         unit = units[order.index(name)]
@@ -314,8 +323,11 @@ def _without_effect(
 
 
 def no_effect(spec: ParameterSpec, value: float, low: float) -> Refusal:
-    """Refuse a parameter that may as well be at a ``value`` where it has no effect."""
-    if value == low and spec.neutral == spec.minimum:  # it begins at none
+    """Make the refusal of a parameter that may as well be at the ``value`` without effect.
+
+    ``low`` is the lower limit of its search.
+    """
+    if value == low and spec.neutral == spec.minimum:  # the limit is that of no effect
         return Refusal(spec.name, "the data are explained as well without it.")
     reason = (
         f"the data are explained as well if it lies beyond {value:.3g} {spec.unit}, where these "
@@ -352,10 +364,10 @@ def cost_units(solution: StationaryPoint, found: FloatArray) -> FloatArray:
 
 
 def _balance(model: NamedModel, solution: StationaryPoint) -> dict[int, float]:
-    """Factors that make the residuals of all logs equally large, or none.
+    """Factors by log that make the residuals of all logs equally large; empty for none.
 
-    With equal weights a log of twice the noise spoils the information of a better one. Logs
-    too short to show their noise, and noises within a tenth of each other, stay as they are.
+    With equal weights a log of twice the noise spoils the information of a better one. Logs too
+    short to show their noise, and noise levels within 10 % of each other, stay as they are.
     """
     every = list(dict.fromkeys(model.logs))
     if len(every) < 2:
@@ -373,10 +385,10 @@ def _balance(model: NamedModel, solution: StationaryPoint) -> dict[int, float]:
 
 
 def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]:
-    """Intervals of the parameters whose cost need not be a parabola.
+    """Profile-likelihood intervals, by name, of parameters whose cost need not be a parabola.
 
-    Those that are ``curved`` have kinks, and those within three standard errors of a bound
-    have a side missing.
+    It has kinks where the specification says ``curved``, and one side is missing within three
+    standard errors of a bound.
     """
     model, held = attempt.fair, attempt.held
     if sum(y.size for y in model.measured) > PROFILED:
@@ -402,7 +414,7 @@ def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]
 def _make_rise(
     model: NamedModel, fitted: Fitted, held: Mapping[str, float], name: str, variance: float
 ) -> Callable[[float], float]:
-    """Root of the rise of the profiled cost of one parameter, in standard deviations."""
+    """Return the root of the rise of the profiled cost, as :func:`profile_interval` takes it."""
     order = [n for n in fitted.names if n in model.nonlinear]
     covariance_of = fitted.covariance
     k = fitted.names.index(name)

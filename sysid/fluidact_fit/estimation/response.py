@@ -178,7 +178,8 @@ def _fit(
         fitted = fit_named(
             model, task.variant.parameters, task.request, task.unknowns, ends, part=part,
             again=again, refusals=task.plan.refusals,
-            sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
+            max_half_widths=task.plan.max_half_widths,
+            no_effect_at=task.plan.no_effect_at,
         )  # fmt: skip
         needed = unrecorded_time(task, task.experiments, begin, fitted.values)
         if needed <= begin.unrecorded:
@@ -260,7 +261,8 @@ def _allow_for_input_noise(
         task.request.progress("allowing for the noise of the input")
         return correct_named(
             noise, build, other, refusals=task.plan.refusals,
-            sensible=task.plan.max_half_widths, idle=task.plan.no_effect_at,
+            max_half_widths=task.plan.max_half_widths,
+            no_effect_at=task.plan.no_effect_at,
         )  # fmt: skip
 
     return replace(correct(fitted), extra_details={"input_noise": found}), correct

@@ -1,7 +1,6 @@
-"""From numbers to the entries of a file: refusals, parameters with intervals, derived numbers.
+"""Refusals, parameters with intervals, and derived numbers of a fit of named parameters.
 
-Every fit of named numbers ends here, however it was solved: by nonlinear search, by regression or
-by flow balances.
+Every such fit ends here, however it was solved: by nonlinear search, regression or flow balances.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
 S = TypeVar("S")
-ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
-FEW_INDEPENDENT = 8.0  # independent samples an unknown, with fewer of which intervals fail
+ANYTHING = 10.0  # relative half-width from which an interval is unbounded in practice
+FEW_INDEPENDENT = 8.0  # independent samples per unknown, with fewer of which intervals fail
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A parameter that the data cannot determine, and why.
+    """A parameter that the data cannot determine, and the reason.
 
-    ``hold`` is the value at which it is held while the others are fitted and which is written;
-    the neutral value of its specification when ``None``. ``remedy`` replaces that of the
-    specification where more of the same data would not help.
+    ``hold`` is the value at which it is held while the others are fitted, and which is written; the
+    neutral value of its specification when ``None``. ``remedy`` replaces that of the specification
+    where more of the same data would not help.
     """
 
     parameter: str
@@ -60,8 +59,8 @@ def undetermined_error(spec: ParameterSpec, reason: str, remedy: str = "") -> No
 def refuse(spec: ParameterSpec, reason: str, written: str = "", remedy: str = "") -> Notice:
     """Make the warning for a parameter that is written without having been measured.
 
-    ``written`` says what stands in the file where that is not the neutral value; ``remedy`` what
-    to do, where that is not what the specification says.
+    ``written`` is the text of the value in the file where that is not the neutral one, ``remedy``
+    replaces that of the specification.
 
     Raises
     ------
@@ -85,7 +84,7 @@ def _refusal_notice(refusal: Refusal, spec: ParameterSpec) -> Notice:
 
 @dataclass(frozen=True)
 class Determined(Generic[S]):
-    """The last of a row of fits: the solution, what was refused, and the warnings of it."""
+    """The last of a series of fits: the solution, the refusals by name, and their warnings."""
 
     solution: S
     refused: Mapping[str, Refusal]
@@ -100,15 +99,15 @@ def determine(
     fixed: Mapping[str, float],
     refusals: Sequence[Refusal] = (),
 ) -> Determined[S]:
-    """Fit, refuse what the data cannot determine, and fit the others again.
+    """Fit, refuse what the data cannot determine, and fit the rest again.
 
     Parameters
     ----------
     solve
         ``solve(held)`` fits everything but the parameters held at the given values [SI].
     undetermined
-        Looks at a solution and returns what it leaves undetermined, most doubtful first or
-        several that belong together; empty when all is well.
+        Returns the parameters that a solution leaves undetermined: the most doubtful one, or
+        several that belong together; empty when there are none.
     refusals
         Parameters known beforehand to be undetermined.
 
@@ -132,22 +131,22 @@ def determine(
 
 @dataclass(frozen=True)
 class Solved:
-    """Named values of a finished fit with their covariance: what any solver ends with.
+    """Named values of a finished fit with their covariance, whichever solver found them.
 
     Attributes
     ----------
     values
         Every parameter, fixed and refused ones included [SI].
     names, covariance, degrees
-        Those that were estimated, their covariance and its degrees of freedom. Names that
-        are not parameters (nuisance values of single logs) may be among them.
+        Values that were estimated, their covariance ``(p, p)`` and its degrees of freedom. Nuisance
+        values of single logs, which are not parameters, may be among them.
     fixed, refused
-        What the user gave and what the data cannot determine.
+        Values that the user fixed, and parameters that the data cannot determine.
     intervals
-        Intervals that were not found from the covariance.
+        Intervals that do not follow from the covariance.
     independent
-        How many independent samples would show the size of the errors as well as the residuals
-        that the covariance was made of; infinite where they are white, or were not asked.
+        Number of independent samples that would show the size of the errors as well as the
+        residuals did; infinite where those are white, or were not examined.
     """
 
     values: Mapping[str, float]
@@ -169,7 +168,7 @@ class Solved:
         return t_quantile(0.975, self.degrees) * self.std_error(name)
 
     def renamed(self, source: Mapping[str, str]) -> Solved:
-        """The same fit by other names: ``source`` gives the value that each name stands for.
+        """Return the fit by other names: ``source`` maps each to the name it has here.
 
         Several names can stand for one value, such as two levels that are taken to be equal.
         """
@@ -182,10 +181,10 @@ class Solved:
     def quantities(
         self, specs: Sequence[ParameterSpec], units: Mapping[str, str] | None = None
     ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
-        """Parameters with standard errors and intervals; covariance and its order.
+        """Return the parameters with intervals, the order of the covariance, and the covariance.
 
-        Intervals are cut at the physical range: a friction level of ``[-1, 5]`` N says the
-        same as ``[0, 5]`` N. ``units`` are those of the roles, on which some units depend.
+        Intervals are cut at the physical range: for a friction level ``[-1, 5]`` N means the same
+        as ``[0, 5]`` N. ``units`` are those of the roles, on which some units depend.
         """
         out: dict[str, Quantity] = {}
         for spec in specs:
@@ -195,7 +194,7 @@ class Solved:
         kept = [k for k, name in enumerate(self.names) if name in out]
         order = tuple(self.names[k] for k in kept)
         matrix = self.covariance[np.ix_(kept, kept)]
-        return out, order, 0.5 * (matrix + matrix.T)  # rounding is not to make it uneven
+        return out, order, 0.5 * (matrix + matrix.T)  # symmetric in spite of rounding
 
     def _quantity(self, spec: ParameterSpec, unit: str) -> Quantity:
         name, value = spec.name, float(self.values[spec.name])
@@ -216,9 +215,10 @@ class Solved:
         units: Mapping[str, str],
         function: Callable[[Mapping[str, Any]], Mapping[str, Any]],
     ) -> dict[str, Quantity]:
-        """Numbers computed from the values, with standard errors by the delta method.
+        """Compute derived numbers, with standard errors by the delta method.
 
-        ``function`` is analytic in its values; see :func:`.propagate`.
+        ``function`` is analytic in its values (see :func:`.propagate`); ``units`` are those of its
+        results, by name.
         """
         found = propagate(function, self.values, self.names, self.covariance)
         return {
@@ -228,28 +228,28 @@ class Solved:
 
 
 def _interval(value: float, half: float, spec: ParameterSpec) -> str:
-    """A 95 % interval that is too wide, in words."""
+    """Describe a 95 % interval that is too wide."""
     unit = "" if spec.ratio else after_number(spec.unit)
     if half > ANYTHING * abs(value):
         return "anything: its 95 % interval is unbounded in practice"
     return f"{value:.3g} ± {half:.2g}{unit} (95 %), too wide to be useful"
 
 
-def left_open(
+def find_uninformative(
     solved: Solved,
     specs: Mapping[str, ParameterSpec],
-    sensible: Mapping[str, float],
+    max_half_widths: Mapping[str, float],
 ) -> list[Refusal]:
-    """The parameter with the least informative interval, if that interval is useless.
+    """Refuse the parameter with the least informative interval, if that interval is useless.
 
-    ``sensible`` holds the half-width beyond which a 95 % interval is useless;
-    a parameter's own value where it is not listed.
+    ``max_half_widths`` holds the half-widths beyond which a 95 % interval is useless, by name; the
+    parameter's own value where it is not listed, infinity for never.
     """
     worst, excess = "", 1.0
     for name in solved.names:
         if name not in specs:
             continue  # a nuisance value is not reported
-        width = sensible.get(name, max(abs(solved.values[name]), 1e-300))
+        width = max_half_widths.get(name, max(abs(solved.values[name]), 1e-300))
         if not np.isfinite(width):
             continue
         half = solved.half_width(name)

@@ -18,7 +18,7 @@ from .results import undetermined_error
 from .separable import profile
 from .significance import CERTAIN, DECISIVE
 from .starts import time_scales
-from .uncertainty import reach
+from .uncertainty import widen_by
 
 Correct = Callable[[Fitted], Fitted] | None
 
@@ -89,7 +89,7 @@ def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
     """The fit with errors that hold whatever lies within a change of its values, both ways."""
     d = np.array([change.get(n, 0.0) for n in fitted.names])
     intervals = {n: x for n, x in fitted.intervals.items() if n not in change}
-    return replace(fitted, covariance=reach(fitted.covariance, d), intervals=intervals)
+    return replace(fitted, covariance=widen_by(fitted.covariance, d), intervals=intervals)
 
 
 def _leads_to(end: Fitted, plain: Fitted, correct: Correct, rival: Mapping[str, float]) -> bool:

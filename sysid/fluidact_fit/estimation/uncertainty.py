@@ -31,12 +31,23 @@ from .recursion import run_recursion
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
+    """Uncertainty of the unknowns of a least-squares fit.
 
-    ``order`` is that of the autoregression that the residuals were taken for, 0 where they are
-    white; ``from_scores`` says that the covariance is that of the scores instead.
-    As many as ``independent`` samples with independent errors would show the size of the errors
-    as well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
+    Attributes
+    ----------
+    covariance
+        Of the unknowns, shape ``(p, p)``; infinite variances where the data determine nothing.
+    degrees
+        Degrees of freedom.
+    sigma
+        Standard deviation of the residual.
+    order
+        Order of the autoregressive model of the residuals, 0 where they are white.
+    independent
+        Number of independent samples that would show the size of the errors as well:
+        ``n / sum_k rho_k^2`` over all lags [4]_; infinite where the residuals are white.
+    from_scores
+        Whether the covariance is that of the scores instead, without a model of the residuals.
     """
 
     covariance: FloatArray
@@ -48,7 +59,7 @@ class Uncertainty:
 
 
 def model_of_residuals(order: int) -> str:
-    """Return what residuals were taken for, as the file says it; see :class:`Uncertainty`."""
+    """Describe the noise model of residuals for the file; see :class:`Uncertainty`."""
     return f"autoregressive residuals of order {order}" if order else "white"
 
 
@@ -185,23 +196,23 @@ def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
         return np.where(matrix == 0.0, 0.0, matrix * np.outer(scale, scale))
 
 
-def reach(matrix: FloatArray, change: FloatArray) -> FloatArray:
-    """A covariance ``(p, p)`` that holds whatever lies within a change ``(p,)``, both ways."""
+def widen_by(matrix: FloatArray, change: FloatArray) -> FloatArray:
+    """Widen a covariance ``(p, p)`` to cover a change ``(p,)`` of the values, either way."""
     return matrix + np.outer(change, change) / 3.0
 
 
 def largest(candidates: Sequence[FloatArray]) -> FloatArray:
-    """Covariance ``(p, p)`` of unknowns of which several are possible.
+    """Covariance ``(p, p)`` that covers several candidates.
 
-    The largest variance of each unknown, with the correlations of the candidate that has most of
-    them: those of another would make too much or too little of what is the sum of two unknowns.
+    It has the largest variance of each unknown, and the correlations of the candidate with the
+    largest variances overall: mixed correlations would misjudge the sum of two unknowns.
     """
     variances = np.array([np.diag(c) for c in candidates])
     most = variances.max(axis=0)
     known = (most > 0.0) & np.isfinite(most)
     share = np.sum(variances[:, known] / most[known], axis=1)
     found = enlarge(candidates[int(np.argmax(share))], most)
-    np.fill_diagonal(found, most)  # also of what that candidate takes for known
+    np.fill_diagonal(found, most)  # also where that candidate has a variance of zero
     return found
 
 
@@ -219,9 +230,9 @@ def _positive(matrix: FloatArray) -> FloatArray:
 
 
 def inverse_information(table: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """``(J'J)^-1`` where the data determine it, and which unknowns they do not.
+    """``(J'J)^-1``, shape ``(p, p)``, and mask of the unknowns that the data do not determine.
 
-    ``table`` has the products of the columns of ``J``.
+    ``table`` is ``J``, or any table with the same products of columns, shape ``(m, p)``.
     """
     scale = np.linalg.norm(table, axis=0)
     blind = scale == 0.0
@@ -259,8 +270,8 @@ def covariance(
     robust
         Whether to look for correlation in time at all (static data: no).
     sigma_floor
-        Known smallest standard deviation of the noise, such as that of a converter;
-        the residuals of a deterministic fit can fall below it.
+        Known lower limit of the standard deviation of the noise, such as that of a converter; the
+        residuals of a deterministic fit can fall below it.
     small_sample
         Whether to correct autocorrelated residuals for their small effective number [3]_; see
         ``docs/theory/independent-samples.md``.
@@ -286,7 +297,7 @@ def covariance(
         if order:
             independent = _independent(a, n)
             variance *= n / degrees
-            # the fitted autocorrelation keeps the residuals' own size, floor included
+            # the autoregression keeps the variance of the residuals, floor included
             variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
@@ -316,10 +327,10 @@ def with_codes(
     *,
     apart: bool = False,
 ) -> FloatArray:
-    """Covariance with the errors of a converter beside those of the ``rest``, ``(p, p)`` each.
+    """Covariance with the errors of a converter added to ``rest``, shape ``(p, p)`` each.
 
     The other arguments are those of :func:`.code_errors`. Whether a machine is symmetric is not
-    known: both are tried, the larger counts.
+    known: both are tried, and the larger covariance counts.
     """
     middles = (
         code_errors(jacobian, residuals, readings, bread, noise, apart=apart, mirrored=mirrored)
@@ -334,11 +345,11 @@ def information_units(
     found: FloatArray,
     local_unknowns: int = 0,
 ) -> FloatArray:
-    """Rise of the cost with one standard deviation of each unknown, shape ``(p,)``.
+    """Rise of the cost by one standard error of each unknown, shape ``(p,)``.
 
-    The variance of the residual where that is white. An autocorrelated one carries less
-    information, and the cost counts for less by as much as the covariance ``found``, ``(p, p)``,
-    is larger than that of white residuals. NaN where the data do not determine the unknown.
+    It is the variance of the residual where that is white. An autocorrelated one carries less
+    information: the rise is larger by the ratio of the covariance ``found``, shape ``(p, p)``, to
+    that of white residuals. NaN where the data do not determine the unknown.
     """
     plain = covariance(jacobian, residuals, local_unknowns=local_unknowns, robust=False)
     own, now = np.diag(plain.covariance), np.diag(found)
@@ -348,25 +359,28 @@ def information_units(
 
 
 def independent_samples(memory: float, n: int) -> float:
-    """Number of independent samples worth those of a first-order autoregression; [4]_."""
+    """Number of independent samples that ``n`` of a first-order autoregression are worth [4]_.
+
+    ``memory`` is its coefficient.
+    """
     return n * (1.0 - memory**2) / (1.0 + memory**2)
 
 
 def _independent(a: FloatArray, n: int) -> float:
-    """Number of independent samples that would show the size of an autoregression as well; [4]_."""
+    """Number of independent samples that ``n`` of an autoregression are worth [4]_."""
     r = _ar_autocovariance(a, 1.0)
     return n * float(r[0] ** 2 / (r @ r))
 
 
 def _noise_model(residuals: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    """Autoregression of residuals of an order that so many samples can tell."""
+    """Fit an autoregression to residuals, of an order that so many samples can support."""
     sizes = [r.size for r in residuals]
     n, shortest = sum(sizes), min(sizes, default=0)
     return fit_autoregression(residuals, min(25, shortest // 4, n // 10) if n > 30 else 0)
 
 
 def _effective(total: FloatArray, white: FloatArray, n: int) -> float:
-    """Number of samples with independent errors that would give the same variances."""
+    """Number of samples with independent errors that would give the variances of ``total``."""
     alone, together = np.diag(white), np.diag(total)
     seen = (alone > 0.0) & np.isfinite(together)
     ratio = float(np.median(together[seen] / alone[seen])) if seen.any() else 1.0

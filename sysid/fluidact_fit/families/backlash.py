@@ -323,8 +323,8 @@ class Backlash(Family[BacklashOptions]):
                 variant.parameters, request,
                 make_unknowns(variant.parameters, names, {"play": 0.01 * span, "ratio": size},
                               request, {"play": (0.0, 2.0 * span)}),
-                starts, sensible={"play": 0.25 * span},
-                idle={"play": size * max(map(_way_back, model.drives))},
+                starts, max_half_widths={"play": 0.25 * span},
+                no_effect_at={"play": size * max(map(_way_back, model.drives))},
             )  # fmt: skip
 
         fitted, turns = fit(model), "row"

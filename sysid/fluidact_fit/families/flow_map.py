@@ -233,7 +233,7 @@ class FlowMap(Family[FlowMapOptions]):
         }  # fmt: skip
         found = fit_named_map(
             _law, variant.parameters, data, lambda held: _starts(u, q, held), limits, request,
-            sensible={
+            max_half_widths={
                 "dead_band_positive": 0.3 * most, "dead_band_negative": 0.3 * most,
                 "saturation_positive": 0.5 * most, "saturation_negative": 0.5 * most,
                 "curvature": 1.0 / most, "leakage": 0.05 * largest,

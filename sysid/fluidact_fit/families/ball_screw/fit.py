@@ -118,7 +118,7 @@ def _fit_position(
         begin.unknowns,
         [begin.start],
         refusals=begin.refusals,
-        sensible=_sensible(begin),
+        max_half_widths=_max_half_widths(begin),
     )
     return _Found(begin, inside, fitted, beyond)
 
@@ -169,7 +169,7 @@ def _finish(
     )
 
 
-def _sensible(stage: Stage) -> dict[str, float]:
+def _max_half_widths(stage: Stage) -> dict[str, float]:
     """Half-widths of intervals that say nothing.
 
     Viscous friction that alone would use up the whole drive at the highest speed is one.

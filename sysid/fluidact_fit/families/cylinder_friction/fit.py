@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_form
 from ...estimation.regression import Estimator, Regression, shared_limits
-from ...estimation.results import Refusal, Solved, determine, left_open
+from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
@@ -254,13 +254,13 @@ def _undetermined(
 
     The interval times the range of speeds is the force that is in doubt.
     """
-    sensible = {}
+    max_half_widths = {}
     for name in (n for n in ("viscous", *ONE_SIDED) if n in found.names):
         span = max(high - low for low, high in _of(name, ranges).values())
-        sensible[name] = 0.5 * half_range(data) / max(span, 1e-300)
+        max_half_widths[name] = 0.5 * half_range(data) / max(span, 1e-300)
     return [
         _too_alike(r.parameter, ranges, data[0].axis, f"{r.reason} Noise hides it: ")
-        for r in left_open(found, {n: specs[n] for n in sensible}, sensible)
+        for r in find_uninformative(found, {n: specs[n] for n in max_half_widths}, max_half_widths)
     ]
 
 

@@ -12,7 +12,7 @@ from ...errors import Notice, NotIdentifiedError
 from ...estimation.minimise import Minimum
 from ...estimation.named_model import make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.results import Refusal, Solved, determine, left_open
+from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import (
     STRIBECK,
     free_names,
@@ -27,7 +27,7 @@ from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
 from .gray_box import CHANNELS, GrayBox, make_gray_log, mean_command
 from .gray_search import GrayPoint, GrayProblem, command_noise, moving_speeds, solve_gray_box
 from .options import HydraulicCylinderOptions
-from .regression import directional_gains, fit_flow, fit_friction, sensible_widths
+from .regression import allowed_half_widths, directional_gains, fit_flow, fit_friction
 from .setup import Setup, read_machine
 from .simulation import simulate_runs
 
@@ -141,9 +141,9 @@ class _Search:
             return rise
         sizes = {n: 0.5 * max(abs(solved.values[n]), 1e-300) for n in solved.names}
         friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
-        sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
-        sensible["bulk_modulus"] = _CERTAIN * solved.values["bulk_modulus"]
-        sensible |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
+        max_half_widths = {**sizes, **allowed_half_widths(self.unknowns), **friction}
+        max_half_widths["bulk_modulus"] = _CERTAIN * solved.values["bulk_modulus"]
+        max_half_widths |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
         specs = [self.setup.variant.parameter(n) for n in solved.names]
         # Losses and dead zone are refused before the gains, which may be certain without them. Not
         # so the bulk modulus: without them it would look certain in logs of plateaus alone.
@@ -151,7 +151,7 @@ class _Search:
         groups = ([s for s in specs if s.name == "bulk_modulus"],
                   [s for s in specs if s.neutral is not None], last)  # fmt: skip
         for group in groups:
-            if refusals := left_open(solved, {s.name: s for s in group}, sensible):
+            if refusals := find_uninformative(solved, {s.name: s for s in group}, max_half_widths):
                 return refusals
         return []
 

@@ -12,7 +12,7 @@ from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import Basis, Unknown
 from ...estimation.regression import Balance, Estimator, Regression, RegressionModel
-from ...estimation.results import Refusal, Solved, determine, left_open
+from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
@@ -48,7 +48,7 @@ def flow_unknowns(setup: Setup) -> dict[str, Unknown]:
     return make_unknowns(setup.variant.parameters, (*sizes,), scales, setup.request, limits)
 
 
-def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
+def allowed_half_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
     """Widths beyond which an interval says nothing."""
     reach = {n: max(abs(u.low), abs(u.high)) for n, u in unknowns.items()}
     shares = {"line_loss": 0.25, "dead_zone": 0.5}
@@ -98,12 +98,12 @@ def fit_flow(setup: Setup, lenient: bool) -> Fitted:
         shares = {"dead_zone_negative": -edge, "dead_zone_positive": edge}
         shares |= {n: loss for n in names if n.startswith("line_loss")}
         starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
-    sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
+    max_half_widths = {**allowed_half_widths(unknowns), "bulk_modulus": 0.5e9}
     if lenient:
-        sensible = dict.fromkeys(names, np.inf)
+        max_half_widths = dict.fromkeys(names, np.inf)
     return fit_named(
         model, setup.variant.parameters, setup.request, unknowns, starts,
-        refusals=not_shown(setup), sensible=sensible,
+        refusals=not_shown(setup), max_half_widths=max_half_widths,
     )  # fmt: skip
 
 
@@ -155,7 +155,7 @@ def fit_friction(setup: Setup) -> tuple[Solved, list[Notice]]:
     both = (v > 0.0).any() and (v < 0.0).any()
     size = max(float(np.abs(f).max()), 1e-300)
     scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
-    sensible = {n: 0.5 * s for n, s in scales.items()}
+    max_half_widths = {n: 0.5 * s for n, s in scales.items()}
     specs = {s.name: s for s in setup.variant.parameters if s.name in scales}
     limits = {n: setup.request.bounds.get(n, (s.minimum, s.maximum)) for n, s in specs.items()}
     columns = {"viscous": v, "coulomb": np.sign(v), "offset": np.ones(v.size)}
@@ -167,7 +167,12 @@ def fit_friction(setup: Setup) -> tuple[Solved, list[Notice]]:
         names = [n for n in (*specs, *(["offset"] if both else [])) if n not in given]
         return Estimator(model, names, given, limits).solve()
 
-    end = determine(solve, lambda found: left_open(found.free, specs, sensible), specs, fixed=fixed)
+    end = determine(
+        solve,
+        lambda found: find_uninformative(found.free, specs, max_half_widths),
+        specs,
+        fixed=fixed,
+    )
     found = end.solution
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     return solved, end.notices

@@ -109,7 +109,7 @@ def _fit(
     return fit_named_map(
         law, tuple(p for p in variant.parameters if p.name in names), data, starts,
         {s.name: s.limits for s in searched}, replace(request, fixed=known, start=start),
-        sensible={s.name: s.sensible for s in searched if s.sensible is not None},
+        max_half_widths={s.name: s.sensible for s in searched if s.sensible is not None},
         refusals=[r for r in refused_beforehand(experiments, request) if r.parameter not in known],
     )  # fmt: skip
 
