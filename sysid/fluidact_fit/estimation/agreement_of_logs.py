@@ -1,8 +1,8 @@
-"""Do the logs show one machine? Leave-one-log-out and drift, without refitting.
+"""Agreement of logs of one machine: leave-one-log-out errors and drift, without refitting.
 
-At the optimum the fit is nearly linear in its parameters, so the estimate from one log
-alone, and from all the others, follows from the Jacobian by one Gauss-Newton step. The
-difference of the two, in units of its own standard error, is the drift of that log.
+At the optimum the fit is nearly linear in its parameters, so the estimate from one log alone, and
+from all the others, follows from the Jacobian by one Gauss-Newton step. The difference of the two,
+in its standard errors, is the drift of that log.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class LogDisagreement:
 
 @dataclass(frozen=True)
 class _Part:
-    """Normal equations of one log."""
+    """Normal equations of one log, with the covariance of its own estimate."""
 
     information: FloatArray
     score: FloatArray
@@ -54,7 +54,7 @@ def compare_logs(
     least: float = 0.0,
     readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> tuple[list[LogDisagreement], dict[int, float]]:
-    """Disagreement of every log in every parameter, and the error of each predicted by the others.
+    """Compare every log with the others, in every parameter and by prediction.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def compare_logs(
     names
         Parameters; nuisance unknowns have been left out of the Jacobian.
     least
-        Part of what all logs know of a parameter that a log has to know to be judged by it.
+        Share of the information on a parameter that a log has to contain to be judged by it.
     readings
         As in :func:`.uncertainty.covariance`; errors of logs with the same levels are taken for
         independent, which is cautious.
@@ -73,11 +73,11 @@ def compare_logs(
     Returns
     -------
     drifts
-        The worst parameter of every log, the worst log first, of two the first. Logs
-        already named are left out of the reference of those after them, so that one odd
-        log does not make the others look odd.
+        The worst parameter of every log, the worst log first; of two logs the first one only. Logs
+        already named are left out of the reference of those after them, so that one odd log does
+        not make the others look odd.
     left_out
-        Root-mean-square error of every log predicted from all the others; of two none.
+        Root-mean-square error of every log predicted from all the others; empty for two logs.
     """
     every = list(dict.fromkeys(logs))
     parts = {k: _part(jacobian, residuals, readings, logs, k) for k in every}
@@ -86,7 +86,7 @@ def compare_logs(
     rest = dict(parts)
     tests = len(every) * len(names)
     while len(rest) > 1:
-        # each of two differs from the other alike: rounding is not to say which is named
+        # two logs differ from each other equally: rounding must not decide which is named
         tried = list(rest)[:1] if len(rest) == 2 else rest
         found = max(
             (_drift(rest, k, names, tests, least) for k in tried),
@@ -113,7 +113,7 @@ def _part(
 
 
 def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, FloatArray]:
-    """All logs but one, their information, and how far they would move the estimate."""
+    """All logs but one, their information ``(p, p)``, and their step of the estimate ``(p,)``."""
     others = [p for j, p in parts.items() if j != k]
     information = np.sum([p.information for p in others], axis=0)
     score = np.sum([p.score for p in others], axis=0)

@@ -1,4 +1,4 @@
-"""Long records in blocks of rows: what is kept of each is a triangle, not its rows.
+"""Long records in blocks of rows, of each of which only a triangle is kept.
 
 Least squares depend on the products of columns alone, and the triangle ``R`` of a QR
 decomposition has the same products as its table. The triangle of two tables is that of ``R`` of the
@@ -21,7 +21,7 @@ from ..rows import blocks
 
 
 def rows_of(tables: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """All blocks of some tables."""
+    """Iterate over all blocks of rows of some tables."""
     return (table[at] for table in tables for at in blocks(table.shape[0]))
 
 

@@ -1,4 +1,4 @@
-"""Errors of a converter, which stay the same as long as a reading does: no white noise."""
+"""Quantisation errors of a converter, which last as long as a reading does: no white noise."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from ..experiment import BoolArray, FloatArray
 from ..rows import blocks
 
-_LASTING = 12  # samples of a reading that no noise shakes
-_CROSSED = 2.0 / 3.0  # of a code squared, that readings differ by where noise crosses codes
-_ADDS = 0.02  # of a variance that is worth a closer look
-_RESTING = 0.05  # of all samples where it does not, from which on their errors may matter
-_TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
-_NEAR = (5, 25, 125)  # samples that a signal hardly changes over: always, and where it may rest
-_TURNS = 20  # of an iteration whose error soon is far below what matters
-_DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
-_MUCH = 0.3  # of the variance of a residual
-_BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
+_LASTING = 12  # samples from which a reading is too long for noise to dither it
+_CROSSED = 2.0 / 3.0  # mean square step of readings [codes^2] where noise takes them across codes
+_ADDS = 0.02  # share of a variance that is worth a closer look
+_RESTING = 0.05  # share of the samples without such noise, from which their errors may matter
+_TRIES = (20, 200)  # least and largest number of draws of the position of a signal in its code
+_NEAR = (5, 25, 125)  # samples over which a signal hardly changes: always, and where it may rest
+_TURNS = 20  # of an iteration that has long converged by then
+_DRAWN = 5_000_000  # samples of all draws together, unless that leaves too few draws
+_MUCH = 0.3  # share of the variance of a residual that makes a converter coarse
+_BENDS = 9.0  # variance ratio from which a slope or bow of a residual is not noise
 
 
 def is_coarse(step: float, sigma: float) -> bool:
-    """Return whether the error of a converter is much of a residual of that standard deviation."""
+    """Return whether the error of a converter is much of a residual of deviation ``sigma``."""
     return step**2 / 12.0 >= _MUCH * sigma**2
 
 
 def noise_beside(readings: Sequence[tuple[FloatArray, float]], sigma: float) -> float:
-    """Variance of a residual of that standard deviation without the errors of the converter."""
+    """Variance of a residual of deviation ``sigma`` without the errors of the converter."""
     step = max(step for _, step in readings)
     return max(sigma**2 - step**2 / 12.0, 0.0)
 
@@ -44,10 +44,23 @@ def code_errors(
 ) -> FloatArray:
     """``J' R J`` of the errors of a converter, shape ``(p, p)``, beside white noise.
 
-    From draws of where the signal lies among the codes; see ``docs/theory/noisy-inputs.md``.
-    Errors are ``mirrored`` at zero where the machine is alike both ways. The signals of series that
-    are ``apart``, each with an offset of its own, are moved by parts of a code of their own.
-    ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
+    The position of the signal within its code is drawn at random; see
+    ``docs/theory/noisy-inputs.md``.
+
+    Parameters
+    ----------
+    jacobian, residuals
+        Per series, shapes ``(n_i, p)`` and ``(n_i,)``.
+    readings
+        Per series the logged output, shape ``(n_i,)``, and the step of its converter.
+    bread
+        ``(J'J)^-1``, shape ``(p, p)``.
+    noise
+        Variance of the white noise.
+    apart
+        Whether every series has an offset, and hence a position within the codes, of its own.
+    mirrored
+        Whether errors are mirrored at zero, as those of a symmetric machine are.
     """
     p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
     rng = np.random.default_rng(0)
@@ -80,10 +93,10 @@ def codes_matter(
     total: FloatArray,
     sigma: float,
 ) -> bool:
-    """Return whether the errors of a converter are no white noise and matter.
+    """Return whether the errors of a converter are not white, and matter.
 
-    They are where the converter is coarse, or where noise does not take it across its codes. The
-    covariance without them is ``total``, the standard deviation of the residual ``sigma``.
+    They are not white where the converter is coarse, or where noise does not take the signal across
+    codes. The covariance without them is ``total``, the deviation of the residual ``sigma``.
     """
     step = max((step for _, step in readings), default=0.0)
     if is_coarse(step, sigma):
@@ -95,7 +108,7 @@ def codes_matter(
 
 
 def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
-    """Return whether neither noise nor motion takes what a converter was given across its codes."""
+    """Return whether neither noise nor motion takes the signal across codes, for long enough."""
     resting, samples = 0, 0
     for y, step in readings:
         for at in blocks(y.size) if step > 0.0 else ():
@@ -107,7 +120,7 @@ def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
 
 
 def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
-    """Standard deviation of noise behind which the longest reading is hardly as long (5 %)."""
+    """Largest standard deviation of noise that the longest constant reading allows, at 5 %."""
     from scipy.special import ndtri
 
     samples, longest, step = sum(y.size for y, _ in readings), 0, 0.0
@@ -125,7 +138,7 @@ def _by_codes(
 ) -> FloatArray:
     """Sums of the derivatives over all samples of a code, times the size of its error, (k, p).
 
-    ``mirrored``: a code below zero has the error of the one above, with the sign changed.
+    With ``mirrored``, a code below zero has the negative error of the code above zero.
     """
     size = np.abs if mirrored else np.asarray
     values = np.unique(np.concatenate([np.unique(size(y)) for y, _ in readings]))
@@ -140,10 +153,10 @@ def _by_codes(
 
 
 def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Reconstruct the input of a converter, ``(n,)``: readings less residuals; and the short ones.
+    """Reconstruct the input of a converter from readings less residuals; shape ``(n,)``.
 
-    Of a lasting one the level of the residual is taken, and a slope and bow that stand out of what
-    noise leaves.
+    Within a lasting reading the level of the residual is taken, with a slope and a bow where these
+    are significant. Returned with it is the mask of samples of short readings.
     """
     starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
     lengths = np.diff(np.append(starts, y.size))
@@ -169,8 +182,8 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
 def _smooth(y: FloatArray, r: FloatArray) -> FloatArray:
     """Reconstruct the input of a converter where noise dithers its readings, shape ``(n,)``.
 
-    Noise of a regressor is in the residual, and not in the signal: neighbours are taken together,
-    as many as hardly differ by more than the two codes that a signal is between.
+    Noise of a regressor is in the residual but not in the signal, so neighbours are averaged: as
+    many as stay within the two codes that the signal lies between.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 

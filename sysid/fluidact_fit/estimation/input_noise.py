@@ -35,22 +35,22 @@ from .whitening import Whitening, autoregression_from_rest, causal_filter
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
 
 _PAIRS = 6  # antithetic draws of the noise
-_SPREAD = 100  # draws that show how the score scatters
-_ADDS_UP = 1e-3  # part of what noise does to the output that may depend on the input
-_FEW = 3  # of them that show whether it matters
-_ORDER = 8  # of the autoregression that noise of the input makes of the output
+_SPREAD = 100  # draws for the covariance of the score
+_ADDS_UP = 1e-3  # share of the response to noise that may depend on the input in a linear model
+_FEW = 3  # draws that show whether the noise matters
+_ORDER = 8  # of the autoregression that models the response to noise of the input
 _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
-_CLOSE = 0.03  # standard errors at which the iteration ends
-_STEPS = 10
-_MOVED = 1.0  # standard errors, after which the residual is whitened again
-_SMALL = 0.1  # standard errors of a bias, of which the correction leaves nothing that matters
-_FAR = 0.3  # standard errors of a step, after which what the noise adds is looked at again
-_COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
-_LEVELS = 3  # that no converter has
+_CLOSE = 0.03  # step [standard errors] at which the iteration ends
+_STEPS = 10  # of that iteration, at most
+_MOVED = 1.0  # change [standard errors] after which the residual is whitened again
+_SMALL = 0.1  # bias [standard errors] after whose correction no bias remains that matters
+_FAR = 0.3  # step [standard errors] after which the contribution of the noise is computed again
+_COARSEST = 0.05  # largest step of a converter, as a share of the range of its signal
+_LEVELS = 3  # up to so many levels a signal is a command: no converter has so few
 _FOCUS = 128  # weights of the filter that leaves out frequencies of noise
-_NEIGHBOURS = 11  # frequencies that are taken together, at least
-_LEAST_PART = 0.01  # weight of a frequency that holds nothing but noise
-_WEAK = 0.02  # part of the information that has to be left without the noise
+_NEIGHBOURS = 11  # frequencies that are averaged, at least
+_LEAST_PART = 0.01  # weight of a frequency with nothing but noise
+_WEAK = 0.02  # share of the information that has to remain without the noise
 
 
 def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
@@ -66,9 +66,9 @@ def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
 def with_noise(
     experiments: Sequence[Experiment], inputs: Mapping[str, NoiseLevel], rng: np.random.Generator
 ) -> list[Experiment]:
-    """The runs with as much noise on their inputs once more.
+    """Return the runs with another draw of the noise added to their inputs.
 
-    The level that a run starts from stays: it belongs to the offset.
+    The level that a run starts from is not disturbed: it belongs to the offset.
     """
     out = []
     for e in experiments:
@@ -89,9 +89,9 @@ class InputNoise:
     sigma, relative
         Its standard deviation [SI] and the standard error of ``sigma**2`` as a part of it.
     seed, pairs
-        Of the draws, and how many there are.
+        Seed and number of the draws.
     linear
-        Whether outputs add up as inputs do: frequencies of the input are then those of the output.
+        Whether the model is linear in the input, so that frequencies of input and output agree.
     """
 
     experiments: Sequence[Experiment]
@@ -106,7 +106,7 @@ class InputNoise:
     def seen(
         cls, experiments: Sequence[Experiment], role: str, seed: int, given: float | None = None
     ) -> InputNoise:
-        """The noise that the log itself shows, unless it is given."""
+        """Return the noise that the logs themselves show, or the ``given`` one [SI]."""
         if given is not None:
             return cls(experiments, role, given, 0.0, seed)
         if all(_in_levels(e.signals[role]) for e in experiments):
@@ -128,7 +128,7 @@ class InputNoise:
         return out
 
     def add(self, draw: int, factor: float) -> list[Experiment]:
-        """The experiments with a draw of the noise added ``factor`` times."""
+        """Return the experiments with a draw of the noise, times ``factor``, added."""
         out = []
         for e, unit in zip(self.experiments, self._draws[draw]):
             values = e.signals[self.role].values
@@ -143,7 +143,7 @@ class InputNoise:
         return make_filters(self._response(build, eta), at.residuals)
 
     def focused(self, whitening: Sequence[Whitening], times: int = 1) -> list[Whitening]:
-        """The same, with the frequencies weighed by what the input holds beside its noise."""
+        """Return the filters with frequencies weighted by the share of the input that is signal."""
         out = []
         for e, f in zip(self.experiments, whitening, strict=True):
             values, focus = e.signals[self.role].values, np.ones(1)
@@ -178,11 +178,11 @@ class InputNoise:
         return float(np.max(size / np.maximum(errors, 1e-300)))
 
     def supported(self, build: Build, eta: FloatArray) -> InputNoise:
-        """The same with the level that the residual allows for.
+        """Return the noise with the level that the likelihood of the residual supports.
 
-        What differences of the input show may be motion, or noise that the machine saw as well.
-        The likelihood of the residual with a level between none and more than that tells,
-        unless it is so small that the residual does not show it.
+        Differences of the input may contain motion, or noise that the machine felt as well, so
+        levels from zero to more than the present one are compared. A level that is too small to
+        show in the residual is kept.
         """
         plain = build(self.experiments, ())
         at = evaluate(plain, eta)
@@ -196,7 +196,7 @@ class InputNoise:
         claimed = float(np.interp(1.0, _RATIOS, scores))
         held = all(e.signals[self.role].hold == "zoh" for e in self.experiments)
         if held and claimed - scores[0] < DECISIVE:
-            return replace(self, sigma=0.0)  # a command is what it is unless the residual says no
+            return replace(self, sigma=0.0)  # a command is exact unless the residual contradicts
         if _RATIOS[best] >= 1.0 or scores[best] - claimed < DECISIVE:
             return self
         if scores[best] - scores[0] < DECISIVE:
@@ -208,9 +208,9 @@ class InputNoise:
 
 
 def _clean_part(values: FloatArray, sigma: float) -> FloatArray:
-    """Part of the power of a signal that is not white noise, shape ``(_FOCUS + 1,)``.
+    """Share of the power of a signal that is not white noise, shape ``(_FOCUS + 1,)``.
 
-    At evenly spaced frequencies from zero to half a cycle a sample, each with its neighbours.
+    It is averaged around evenly spaced frequencies from zero to half a cycle per sample.
     """
     window = np.hanning(values.size)
     spectrum = np.abs(np.fft.rfft(window * (values - values.mean()))) ** 2 / float(window @ window)
@@ -219,13 +219,13 @@ def _clean_part(values: FloatArray, sigma: float) -> FloatArray:
     power = np.convolve(padded, np.full(width, 1.0 / width), "valid")
     at = np.linspace(0.0, 1.0, _FOCUS + 1)
     power = np.interp(at, np.linspace(0.0, 1.0, power.size), power)
-    # what chance gives to a frequency must not decide its weight: the score would be biased
+    # chance must not decide the weight of a frequency: the score would be biased
     noise = sigma**2 * (1.0 + CERTAIN / np.sqrt(width))
     return np.maximum(1.0 - noise / np.maximum(power, 1e-300), _LEAST_PART)
 
 
 def _outputs(build: Build, experiments: Sequence[Experiment], eta: FloatArray) -> list[FloatArray]:
-    """Response of a model to inputs, every experiment from rest."""
+    """Response of a model to the inputs of every experiment, from rest, ``(n_i,)`` each."""
     plain = build(experiments, ())
     return [plain.basis(i, eta).known for i in range(len(experiments))]
 
@@ -235,7 +235,7 @@ def make_filters(
 ) -> list[Whitening]:
     """Make filters that whiten residuals: input noise through the model, and output noise.
 
-    ``response`` is what draws of the noise make of the output, from rest, shape ``(n,)`` each.
+    ``response`` is the response of the output to draws of the noise, from rest, ``(n_i,)`` each.
     """
     a, drive = autoregression_from_rest(response, _ORDER)
     return [
@@ -244,24 +244,24 @@ def make_filters(
 
 
 def _coarse(signal: Signal) -> bool:
-    """Return whether the values stand in a few levels only."""
+    """Return whether the values take a few levels only."""
     return signal.resolution > _COARSEST * float(np.ptp(signal.values))
 
 
 def _in_levels(signal: Signal) -> bool:
-    """True if it is held at a few levels, which are what was commanded: there is no noise."""
+    """Return whether a signal is held at a few commanded levels, without noise."""
     return _coarse(signal) and (signal.hold == "zoh" or np.unique(signal.values).size <= _LEVELS)
 
 
 def _converter(signal: Signal) -> float:
-    """Step of the converter of a measured signal; a command's few levels are exact."""
+    """Step of the converter of a measured signal; 0 for a command, whose levels are exact."""
     return 0.0 if _coarse(signal) or signal.hold == "zoh" else signal.resolution
 
 
 def _likelihood(
     local: Sequence[Array], at: StationaryPoint, whitening: Sequence[Whitening]
 ) -> float:
-    """Log-likelihood of the residual, its scale and all unknowns at their best."""
+    """Log-likelihood of the residual, maximised over its scale and all unknowns."""
     rows, logarithm = [], 0.0
     for f, r, j, own_columns in zip(whitening, at.residuals, at.jacobian, local):
         white = f.filter(np.column_stack((j, r, own_columns)))
@@ -285,11 +285,13 @@ class Corrected:
     information
         ``J' J`` without the part of the noise, shape ``(p, p)``.
     bias
-        What the noise would do to the estimate, were it not taken away, shape ``(p,)``.
+        Bias of the estimate without the correction, shape ``(p,)``.
     left
-        What the correction may have left of it, shape ``(p,)``.
+        Bias that the correction may have left, shape ``(p,)``.
     weak
-        Whether the noise explains nearly all that the data seem to say of some direction.
+        Whether noise explains nearly all of the information on some direction.
+    converged
+        Whether the iteration did.
     """
 
     eta: FloatArray
@@ -345,14 +347,14 @@ def _correct(
     length = now = np.inf
     for _ in range(_STEPS):
         base = score(problem, eta)
-        if now > _FAR:  # what the noise adds hardly changes within part of a standard error
+        if now > _FAR:  # the contribution of the noise hardly changes over a small step
             added = _added(base, disturbed, eta)
         curvature, weak = left_information(
             base.curvature, [a.curvature for a in added], noise.relative
         )
         target = Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
-        # all rows, focused or not: these are on the small side, and the end is the stricter for it
+        # counting all rows, focused or not, makes the errors small and the criterion strict
         scale = base.cost / max(rows - eta.size, 1)
         errors = np.sqrt(scale * np.diag(np.linalg.inv(curvature)))
         now = float(np.max(np.abs(step) / errors))
@@ -365,7 +367,7 @@ def _correct(
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
-    # as many rows are left as the focus lets pass of white ones
+    # effective number of rows: the focus passes that share of white noise
     passed = sum(y.size * float(f.focus @ f.focus)
                  for y, f in zip(problem.measured, focused, strict=True))  # fmt: skip
     found = evaluate(problem, eta)
@@ -380,10 +382,10 @@ def _correct(
 def _spread(
     noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray
 ) -> FloatArray:
-    """Covariance of the score, of whitened residuals of variance one, shape ``(p, p)``.
+    """Covariance of the score for whitened residuals of unit variance, shape ``(p, p)``.
 
-    Where outputs add up as inputs do it is ``J' J`` with all rows focused twice. Behind a dead zone
-    it comes from draws of the noise of input and output, as :func:`make_filters` found them.
+    In a linear model it is ``J' J`` with all rows focused twice. Behind a dead zone it comes from
+    draws of the noise of input and output, as :func:`make_filters` found them.
     """
     if noise.linear:
         return score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature
@@ -403,7 +405,7 @@ def _spread(
 
 
 def _is_linear(noise: InputNoise, build: Build, eta: FloatArray) -> bool:
-    """Return whether outputs add up as inputs do, as far as a draw of the noise shows."""
+    """Return whether the model is linear in the input, as far as a draw of the noise shows."""
     base = _outputs(build, noise.experiments, eta)
     up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
     return all(
@@ -415,7 +417,7 @@ def _is_linear(noise: InputNoise, build: Build, eta: FloatArray) -> bool:
 def _disturbed(
     noise: InputNoise, build: Build, whitening: Sequence[Whitening], factor: float
 ) -> list[tuple[Problem, Problem]]:
-    """The problem with every draw of the noise added and subtracted ``factor`` times."""
+    """Return the problems with every draw of the noise, times ``factor``, added and subtracted."""
     return [
         (build(noise.add(k, factor), whitening), build(noise.add(k, -factor), whitening))
         for k in range(_PAIRS)
@@ -439,11 +441,22 @@ def _added(
 def left_information(
     curvature: FloatArray, added: Sequence[FloatArray], relative: float
 ) -> tuple[FloatArray, bool]:
-    """Curvature ``(p, p)`` without the part of the noise, of which every draw ``added`` as much.
+    """Curvature ``(p, p)`` without the contribution of the noise, and whether it is weak.
 
-    Directions that are all noise keep a little. Weak is one in which what is left is not known,
-    as one draw of the noise differs from another and its power is known with the error
-    ``relative``: no interval follows from it.
+    Parameters
+    ----------
+    curvature
+        With the noise, shape ``(p, p)``.
+    added
+        Contribution of every draw of the noise, shape ``(p, p)`` each.
+    relative
+        Relative standard error of the power of the noise.
+
+    Returns
+    -------
+    The curvature, in which directions that are all noise keep a little, and whether the remainder
+    is unknown in some direction, since draws differ and the power is uncertain: no interval follows
+    from it.
     """
     d = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     whole = curvature / np.outer(d, d)

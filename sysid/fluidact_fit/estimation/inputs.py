@@ -23,13 +23,13 @@ from .significance import SEEN
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
-_FEWEST_TOLD = 16  # samples that tell a curve from lines
-_ENOUGH = 20_000  # that tell it as well as a million
-_CLEARLY = 0.9  # of the squared errors of lines that those of cubics have to be
-# variances of a prediction from every second sample in which there is nothing but noise of 1
+_FEWEST_TOLD = 16  # samples that a comparison of curves and lines needs
+_ENOUGH = 20_000  # samples that compare them as well as a million
+_CLEARLY = 0.9  # ratio of squared errors of cubics to those of lines that is clearly better
+# variances of a prediction from every second sample of white noise of variance 1
 _NOISE_OF_LINE, _NOISE_OF_CUBIC = 1.5, 1.755
-_SPREAD_OF_BOTH = 1.7  # of their difference over the root of n; simulated with a signal: 0.9
-_NOISY = 0.1  # share of the power that noise may have
+_SPREAD_OF_BOTH = 1.7  # deviation of their difference times the root of n; with a signal: 0.9
+_NOISY = 0.1  # share of the power of a signal that noise may have
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def is_smooth(signals: Sequence[Signal]) -> bool:
     """Return whether cubics through every second sample predict the others better than lines.
 
     Lines clip the peaks of a smooth signal, such as the force of a hand, which biases the inertia
-    fitted to it. What noise adds to the errors of either prediction is taken away; where nothing
-    tells the two apart beside it, curves are the better guess.
+    fitted to it. The contribution of noise to both errors is subtracted; where the rest does not
+    distinguish the two, curves are the better guess.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def choose_hold(signals: Sequence[Signal]) -> Hold:
 
 
 def _is_held(values: FloatArray) -> bool:
-    """True if a signal keeps a level, exactly or but for noise, and jumps to the next at once.
+    """Return whether a signal keeps levels, exactly or but for noise, and jumps between them.
 
     A jump stands alone and is large beside the usual change from one sample to the next. Between
     jumps nothing is left but ``s / sqrt(2)``, noise whose differences have the deviation ``s``.

@@ -1,8 +1,8 @@
 """Estimator of static maps: a curve or a network that gives one quantity at some inputs.
 
 A family declares a :class:`MapModel`: the value of the map for its unknowns, the derivatives, and
-bounds, which also declare monotony. Search from several starts, cross-validation over whole
-positions or logs, lone samples, and what a map misses are here.
+bounds, which can also make it monotone. Search from several starts, cross-validation over whole
+positions or logs, lone samples, and lack of fit are here.
 
 References
 ----------
@@ -34,12 +34,12 @@ from .noise import PER_MEDIAN
 from .robust_weights import SPIKE
 from .uncertainty import Uncertainty, covariance, enlarge, t_quantile
 
-AT_ODDS = 1e-3  # probability by chance below which a simpler map is dropped
-_BEYOND_DOUBT = 1e-6  # probability of a ratio of mean squares that is worth a warning
-_BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
-_MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
-_BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
-_STRETCHES = 60  # of a sweep, whose samples are taken together
+AT_ODDS = 1e-3  # p-value below which a simpler map is rejected
+_BEYOND_DOUBT = 1e-6  # p-value of a lack of fit that is worth a warning
+_BY_CHANCE = 0.01  # p-value above which a lack of fit may be chance
+_MOST_POSITIONS = 100  # more positions are as good as a sweep
+_BREAK = 4.0  # least ratio of the gap between positions to the gaps between readings of one
+_STRETCHES = 60  # of a sweep, each taken as a position
 
 Index = npt.NDArray[np.intp]
 
@@ -53,7 +53,7 @@ class MapModel(Protocol):
 
     @property
     def linear(self) -> BoolArray:
-        """Mask of unknowns without bounds in which the map is linear and zero at zero, ``(p,)``."""
+        """Mask of the unbounded unknowns in which the map is linear, without constant, ``(p,)``."""
 
     def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         """The map, shape ``(n,)``."""
@@ -82,7 +82,7 @@ class MapRows:
         return self.y - fit.model.value(fit.theta, self.x)
 
     def slopes(self, fit: MapFit) -> FloatArray:
-        """Derivatives by its unknowns that are not on a bound, shape ``(n, q)``."""
+        """Derivatives of a fit by its unknowns that are not on a bound, shape ``(n, q)``."""
         every = fit.model.slopes(fit.theta, self.x)
         return every if fit.free.all() else every[:, fit.free]
 
@@ -93,10 +93,22 @@ class MapRows:
 
 @dataclass(frozen=True)
 class MapFit:
-    """A fitted map: unknowns, which of them are off their bounds, and how the search ended.
+    """A fitted map.
 
-    ``tried`` starts were tried, ``agreeing`` of them ended at this optimum, the ``others`` at
-    theirs, of which unknowns and cost are given.
+    Attributes
+    ----------
+    model, theta
+        The map, and its unknowns, shape ``(p,)``.
+    free
+        Mask of the unknowns that are not on a bound, shape ``(p,)``.
+    cost
+        Weighted sum of squared residuals.
+    tried, agreeing
+        Number of starts, and of those that ended at this optimum.
+    iterations, converged
+        Of the best search.
+    others
+        Unknowns and cost of the other optima.
     """
 
     model: MapModel
@@ -124,18 +136,18 @@ def fit_map(
     model: MapModel, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5,
     *, apart: bool = False,
 ) -> MapFit:  # fmt: skip
-    """Fit a map by weighted least squares from several starts, the best one kept.
+    """Fit a map by weighted least squares from several starts, and keep the best fit.
 
-    With ``apart`` the unknowns in which it is linear are solved for at every step, and only the
-    others are searched [3]_. Where both change the map nearly alike, joint steps stop half-way
-    along a valley. Each step takes longer, so this is for the last search.
+    With ``apart`` the linear unknowns are solved for at every step, and only the others are
+    searched [3]_. Where both change the map nearly alike, joint steps stop half-way along a valley.
+    Each step takes longer, so this is for the last search.
 
     Parameters
     ----------
     starts
         Values of the unknowns, shape ``(p,)`` each.
     tolerance
-        Standard errors to which the unknowns are settled.
+        Of the search, as in :func:`.minimise.minimise`.
     """
     roots, linear, (low, high) = np.sqrt(rows.count), model.linear & apart, model.bounds
     count = int(linear.sum())
@@ -189,10 +201,10 @@ def fit_map(
 
 
 def interior_folds(labels: Index, inner: Index, most: int, seed: int | None = None) -> Index:
-    """Number of the fold that each row is held out in, -1 for never, shape ``(n,)``.
+    """Index of the fold that holds out each row, -1 for none, shape ``(n,)``.
 
-    Rows of one label, a position or a log, are held out together; only those of ``inner``, so
-    that no map has to extrapolate. Neighbours are dealt to different folds, or shuffled.
+    Rows of one label, a position or a log, are held out together; only ``inner`` labels are, so
+    that no map has to extrapolate. Neighbours go to different folds, or to random ones by ``seed``.
     """
     order = inner if seed is None else np.random.default_rng(seed).permutation(inner)
     fold = np.full(int(labels.max()) + 1, -1)
@@ -222,19 +234,19 @@ def fold_squares(error: FloatArray, folds: Index, count: FloatArray | None = Non
 
 
 def smallest_sufficient(scores: Sequence[FloatArray]) -> int:
-    """Number of the first candidate within one standard error of the best one [1]_.
+    """Index of the first candidate within one standard error of the best one [1]_.
 
     ``scores`` are mean squares of the folds, simplest candidate first.
     """
     means = [float(s.mean()) for s in scores]
     best = scores[int(np.argmin(means))]
     error = float(best.std(ddof=1) / np.sqrt(best.size)) if best.size > 1 else 0.0
-    allowed = float(best.mean()) + max(error, 1e-18)  # what rounding leaves of exact data
+    allowed = float(best.mean()) + max(error, 1e-18)  # exact data leave rounding
     return next(k for k, mean in enumerate(means) if mean <= allowed)
 
 
 def excess_tail(worse: float, better: float, extra: int, samples: int, unknowns: int) -> float:
-    """Probability of an F statistic as large as that of a restricted fit.
+    """p-value of the F test of a restricted fit.
 
     ``worse`` and ``better`` are sums of squares without and with ``extra`` unknowns, ``unknowns``
     those of the better one.
@@ -251,10 +263,10 @@ def excess_tail(worse: float, better: float, extra: int, samples: int, unknowns:
 
 
 def lone_samples(output: FloatArray, residual: FloatArray, settled: BoolArray) -> BoolArray:
-    """Samples that stand alone: off the fit, off their neighbours' residuals, and off them.
+    """Mask of spikes: samples off the fit whose residual and output differ from their neighbours'.
 
-    Misfit of a map lasts for many samples; a spike for one to three. A jump of an input moves
-    the residual but not what was measured. Just after a reversal, where nothing is ``settled``, a
+    Lack of fit of a map lasts for many samples, a spike for one to three. A jump of an input moves
+    the residual but not the measured output. Just after a reversal, where nothing is ``settled``, a
     lone sample may be creep. All arrays are of one run, shape ``(n,)``.
     """
     if residual.size < 8:
@@ -274,9 +286,9 @@ def robust_deviation(residual: FloatArray) -> float:
 def position_edges(x: FloatArray, samples: int) -> FloatArray | None:
     """Edges between the positions at which readings were taken, shape ``(positions - 1,)``.
 
-    Gaps between sorted readings that were taken at rest are small or large; ``None`` where they are
-    not: a sweep, or one reading at each position. ``samples`` says how many there are where a
-    place stands for several.
+    Gaps between sorted readings taken at rest are either small or large; ``None`` where they are
+    not: a sweep, or one reading at each position. ``samples`` is the number of readings, which may
+    exceed the size of ``x`` where equal ones were merged.
     """
     places = np.unique(x)
     gaps = np.diff(places)
@@ -296,7 +308,7 @@ def position_edges(x: FloatArray, samples: int) -> FloatArray | None:
 
 
 def widest_gap(x: FloatArray) -> tuple[float, float] | None:
-    """Part of the range in which nothing was recorded, though elsewhere it was; its ends."""
+    """Ends of a wide part of the range without readings, ``None`` where there is none."""
     places = np.unique(x)
     gaps = np.diff(places)
     k = int(np.argmax(gaps))
@@ -304,27 +316,42 @@ def widest_gap(x: FloatArray) -> tuple[float, float] | None:
     return (float(places[k]), float(places[k + 1])) if gaps.size > 6 and gaps[k] > far else None
 
 
-# --------------------------------------------------------------------- what a map leaves over
+# --------------------------------------------------------------------- lack of fit, uncertainty
 
 
 def count_ways(rising: FloatArray) -> tuple[int, int]:
-    """Samples of the rarer and of the more frequent direction; ``rising`` is 0 to 1, ``(n,)``."""
+    """Number of samples of the rarer and of the more frequent direction.
+
+    ``rising`` is the share of rising motion of every sample, 0 to 1, shape ``(n,)``.
+    """
     up, down = int(np.count_nonzero(rising > 0.9)), int(np.count_nonzero(rising < 0.1))
     return min(up, down), max(up, down)
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """Residuals by position: mean squares between and within positions [2]_.
+    """Lack of fit of a map: mean squares of the residual between and within positions [2]_.
 
         between = sum_b n_b mean_b(r)^2 / (B - p),   within = sum_b sum (r - mean_b(r))^2 / (n - B)
 
-    agree where every sample has an error of its own; ``probability`` is that of their ratio. Errors
-    that go on for some samples look like a misfit until the map comes back there: the scatter of a
-    stretch from the first half of the rows to the second counts where it is larger.
-    ``rms`` is what the map misses the positions by beyond the scatter, ``worst`` the place of the
-    largest miss and ``at_rest`` whether readings were taken at rest. ``rows`` stand for the
-    positions, one for each, and ``squares`` are of the misses there without their scatter.
+    agree where the errors of all samples are independent. Errors that last for some samples look
+    like lack of fit until the motion returns there, so the scatter between the first and the second
+    half of the rows counts where it is larger.
+
+    Attributes
+    ----------
+    between, within, degrees
+        Both mean squares, and the degrees of freedom of the first.
+    probability
+        p-value of their ratio.
+    rms
+        Root mean square of the lack of fit beyond the scatter.
+    worst
+        Input at the position of the largest miss.
+    at_rest
+        Whether readings were taken at rest, at a few positions.
+    rows, squares
+        A row of each position, and the squared miss there less its scatter, shape ``(B,)`` each.
     """
 
     between: float
@@ -339,11 +366,11 @@ class Misfit:
 
     @property
     def is_sure(self) -> bool:
-        """Return whether the miss is no chance, beyond doubt."""
+        """Return whether the lack of fit is beyond doubt."""
         return self.probability < _BEYOND_DOUBT
 
     def matters(self, least: float) -> bool:
-        """Return whether a sure miss exceeds the scatter, and what is worth a warning."""
+        """Return whether it is beyond doubt, and exceeds the scatter and the ``least`` size."""
         return self.is_sure and self.rms > least and self.rms**2 > self.within
 
 
@@ -400,11 +427,22 @@ def find_uncertainty(
     in_order: bool,
     readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> Uncertainty:
-    """Covariance of the unknowns of a map, per log derivatives ``(n_i, p)`` and residuals.
+    """Covariance of the unknowns of a map, allowing for lack of fit.
 
-    Samples at one position share the error of its reference and count as one. What a map misses
-    in a sweep is no error that more samples average out: the map itself has to hold what it misses,
-    nearly everywhere. ``readings`` are as of :func:`.covariance`.
+    Samples at one position share the error of its reference and count as one. Lack of fit in a
+    sweep does not average out with more samples: the interval of the map itself has to include it,
+    nearly everywhere.
+
+    Parameters
+    ----------
+    jacobians, residuals
+        Per log, shapes ``(n_i, p)`` and ``(n_i,)``.
+    misfit
+        Of all rows, as :func:`find_misfit` returns it.
+    in_order
+        Whether the samples follow one another in time.
+    readings
+        As in :func:`.covariance`.
     """
     white = found = covariance(jacobians, residuals, robust=False)
     if in_order:
@@ -421,7 +459,7 @@ def find_uncertainty(
         of = np.searchsorted(begin, misfit.rows, side="right") - 1
         rows = np.array([jacobians[k][i - begin[k]] for k, i in zip(of, misfit.rows)])
         held = np.sum(rows @ per_variance * rows, axis=1)
-        seen = held > 1e-9 * held.mean()  # what is missed where all is held says nothing of them
+        seen = held > 1e-9 * held.mean()  # at the others no unknown could reduce the miss
         needed = misfit.squares[seen] / np.maximum(held, 0.1 * held.mean())[seen]  # or it is flat
         size = float(np.quantile(needed, 0.98)) / t_quantile(0.975, misfit.degrees) ** 2
         matrix = found.covariance + size * per_variance
@@ -438,15 +476,15 @@ def direction_notices(
 ) -> Iterator[Notice]:
     """Warn of an output that differs between rising and falling inputs.
 
-    Residuals are regressed on the direction, the unknowns of the map beside it. The difference has
-    to be sure, and larger than half the scatter and than the ``least`` that is worth saying.
+    Residuals are regressed on the direction together with the unknowns of the map. The difference
+    has to be significant, and larger than half the scatter and the ``least`` one worth a warning.
 
     Parameters
     ----------
     words
-        What differs, the inputs, and what that means.
+        Names of the output and of the inputs, and the meaning of the difference.
     text
-        A difference of the output in words.
+        Formats a difference of the output.
     jacobians, residuals, rising
         Per log: derivatives ``(n_i, p)``, residuals and the share of rising motion ``(n_i,)``,
         0 to 1.

@@ -26,10 +26,10 @@ import numpy as np
 from ..experiment import FloatArray
 from .budget import exhausted
 
-_CLOSE = 0.03  # standard errors, within which the slopes of the model hardly change
-_FIRST = 1e-3  # least damping after a step that failed: less would lead to the same again
-_GROWTH = 8.0  # of the damping after a step that failed, its square from the second one on
-_EXACT = 0.05  # of its fall that the cost differs from a parabola, up to which damping only delays
+_CLOSE = 0.03  # step [standard errors] over which the slopes of the model hardly change
+_FIRST = 1e-3  # least damping after a failed step: less would repeat it
+_GROWTH = 8.0  # of the damping after a failed step, squared from the second one on
+_EXACT = 0.05  # relative error of a predicted fall up to which damping only delays
 
 
 class Point(Protocol):
@@ -139,7 +139,7 @@ def minimise(
         fall = here.cost - trial.cost
         gain = fall / predicted
         if gain > 1e-4:
-            # of what is left: a start far off has residuals that are not noise
+            # from the new residual: that of a start far off is not noise
             noise = trial.cost / degrees or 1e-300
             length = float(np.sqrt(predicted / noise))
             left = _share_left(length, before, gain, tolerance) * length
@@ -155,7 +155,7 @@ def minimise(
             moved = True
         else:
             still = abs(fall) <= 1e-13 * here.cost and predicted <= 1e-11 * here.cost
-            # twice no better: the cost is rougher than the steps that are left are worth
+            # two failures in a row: the cost is rougher than the remaining steps are worth
             rough = marquardt.has_risen and local.lowest <= (10.0 * tolerance) ** 2 * noise
             marquardt.rise()
             converged = rough or still or marquardt.value > 1e12
@@ -171,12 +171,12 @@ def _try(evaluate: Callable[[FloatArray], PointT], x: FloatArray) -> PointT | No
 
 
 def _share_left(length: float, before: float, gain: float, tolerance: float) -> float:
-    """The part of an accepted step that the next one would go at most.
+    """Upper limit of the length of the next step, relative to that of the accepted one.
 
-    ``length`` and ``before`` are those of this step and the last one in standard errors, ``gain``
-    the fall of the cost in parts of the predicted one. A step that comes as predicted leaves
-    little. Near the end, where less is wanted, the steps shorten at least as fast as before, those
-    of the slowest unknown too unless the prediction says otherwise.
+    ``length`` and ``before`` are the lengths of this step and the last one in standard errors,
+    ``gain`` is the fall of the cost relative to the predicted one. A step that comes as predicted
+    leaves little. Near the end, with a strict tolerance, steps are assumed to shorten as fast as
+    before, unless the prediction was worse than that.
     """
     wrong = abs(1.0 - gain)
     left = min(1.0, 4.0 * wrong) if tolerance > 1e-3 else 1.0

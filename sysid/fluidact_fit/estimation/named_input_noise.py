@@ -19,8 +19,8 @@ from .significance import DECISIVE
 from .whitening import Whitening
 
 BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]
-_CHANGED = 2.0  # standard errors of a change that is no difference of two estimates by chance
-_LEFT = 0.5  # standard errors of a remaining bias that are worth a warning
+_CHANGED = 2.0  # change [standard errors] by the correction that is not chance
+_LEFT = 0.5  # remaining bias [standard errors] that is worth a warning
 
 
 def correct_named(
@@ -62,7 +62,7 @@ def correct_named(
         ]  # fmt: skip
         return near or find_uninformative(solved, fitted.specs, max_half_widths)
 
-    # what exact inputs leave undetermined, noisy ones do too; it may act on nothing at all
+    # parameters that exact inputs leave undetermined stay so: they may have no effect at all
     every = list({r.parameter: r for r in (*refusals, *fitted.refused.values())}.values())
     done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=every)
     found, solved = done.solution

@@ -1,4 +1,4 @@
-"""A model as a function of named values, and the unknowns that a request makes of them."""
+"""A model as a function of named values, its unknowns, and checks of requests."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class NamedModel:
     follow: Callable[[Values, Mapping[str, float]], Mapping[str, float]] | None = None
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
-        """The same model with the residuals of every log multiplied by a factor."""
+        """Return the model with the residuals of every log multiplied by its factor."""
         if not factors:
             return self
         before = self.weights or [1.0] * len(self.measured)
@@ -101,7 +101,7 @@ class NamedModel:
         )
 
     def without_linear(self) -> NamedModel:
-        """The same model with the linear parameters among the nonlinear ones, after them."""
+        """Return the model with its linear parameters appended to the nonlinear ones."""
         count = len(self.linear)
 
         def columns(index: int, values: Values) -> Basis:
@@ -118,8 +118,8 @@ class NamedModel:
         return (*self.linear, *self.nuisance)
 
 
-class _Bound:
-    """A `NamedModel` with some values held: the solver's view of it."""
+class _HeldModel:
+    """A `NamedModel` with some values held, as the solver needs it; see :class:`.problem.Model`."""
 
     def __init__(self, model: NamedModel, held: Mapping[str, float]) -> None:
         self.model, self.held = model, held
@@ -130,19 +130,19 @@ class _Bound:
             self.slopes = self._slopes
 
     def _values(self, eta: Array) -> Values:
-        """Values that the model is computed with; the one that is moved alone is complex."""
+        """Values by name; only one that is moved by a complex step is complex."""
         whole = [x.real if x.imag == 0.0 else x for x in eta]
         return {**self.held, **dict(zip(self.names, whole))}
 
     def follow(self, eta: FloatArray, step: FloatArray) -> FloatArray:
-        """Where a step leads."""
+        """Values, shape ``(p,)``, that a step leads to; see :func:`.minimise.minimise`."""
         assert self.model.follow is not None
         change = dict(zip(self.names, step.tolist()))
         found = self.model.follow(self._values(eta), change)
         return np.array([found[n] for n in self.names])
 
     def basis(self, index: int, eta: Array) -> Basis:
-        """The columns of what is free; the held ones are known."""
+        """Columns of the free unknowns; those of held ones are part of the known output."""
         b = self.model.columns(index, self._values(eta))
         if self.free.all():
             return b
@@ -156,7 +156,7 @@ class _Bound:
 
 def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:
     """Make the solver's problem of a model with some parameters held."""
-    view = _Bound(model, held)
+    view = _HeldModel(model, held)
     linear = [unknowns[n] for n in model.linear if n not in held]
     nuisance = [Unknown(n) for n in model.nuisance]
     return Problem(

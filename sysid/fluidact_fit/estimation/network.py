@@ -194,12 +194,12 @@ def _gradient(
 
 @dataclass(frozen=True)
 class Chords:
-    """Lines along one input from whose chord the output is to deviate little.
+    """Lines along one input from whose chord the output should deviate little.
 
-    ``strength * mean((y(x_i) - (1 - t_i) y(low_i) - t_i y(high_i))^2)`` joins the cost, with
+    ``strength * mean((y(x_i) - (1 - t_i) y(low_i) - t_i y(high_i))^2)`` is added to the cost, with
     ``x_i`` at the share ``t_i`` of the way from one end of the input's range to the other. An input
-    of which few values were recorded, each with another specimen, leaves a network free in
-    between; this holds it there, weakly enough to pass through every specimen.
+    of which few values were recorded, each with another specimen, leaves a network free in between;
+    this constrains it there, weakly enough to pass through every specimen.
 
     ``points`` has shape ``(3, m, inputs)``: low, between, high; ``shares`` ``(3, m)`` holds
     the factors of their outputs.
@@ -248,7 +248,7 @@ def huber_cost(residual: FloatArray, limit: float) -> float:
 
 @dataclass(frozen=True)
 class _Block:
-    """Rows whose ``target`` (m,) is met by ``k`` outputs, each times its share ``(k, m)``.
+    """Rows whose ``target``, ``(m,)``, is compared with ``k`` outputs times shares ``(k, m)``.
 
     ``points`` are the inputs of all outputs, shape ``(inputs, k m)``.
     """
@@ -278,7 +278,7 @@ class _Point:
 
 
 class _Problem:
-    """A cost on given rows, times their number, gone through block by block."""
+    """A cost on given rows, times their number, evaluated block by block."""
 
     def __init__(self, net: Network, x: FloatArray, y: FloatArray, cost: Cost) -> None:
         ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
@@ -413,7 +413,7 @@ def _pursue(
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
-        # what is left of the others need not be known: the rest, and q, are free of those before
+        # the other columns need no update: the rest, and q, are orthogonal to those before
         q, taken = columns[:, best], basis[:k]
         for _ in range(2):
             q = q - (taken @ q) @ taken

@@ -15,7 +15,7 @@ import numpy as np
 from ..experiment import FloatArray
 
 _ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
-_EXACT = 1e-6  # part of its range that is rounding
+_EXACT = 1e-6  # share of its range that is rounding
 PER_MEDIAN = 1.4826  # standard deviation of a normal variable per median of its absolute value
 
 
@@ -66,21 +66,20 @@ def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> Fl
 
 
 def white_noise(values: FloatArray) -> float:
-    """Standard deviation of the white noise of a column, 0 where it is exact [its unit].
+    """Standard deviation of the white noise of a column ``(n,)``, 0 where it is exact [its unit].
 
-    What shrinks with the order of the differences is motion and not noise.
+    Whatever shrinks with the order of the differences is motion, not noise.
     """
     sigma = min(noise_floor(values, order) for order in _ORDERS)
     return sigma if sigma > _EXACT * float(np.ptp(values)) else 0.0
 
 
 def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, float]:
-    """Standard deviation of white noise on a signal that moves, and how well it is known.
+    """Standard deviation of white noise on a moving signal, and its accuracy.
 
-    The order of the differences rises for as long as that lowers the result, since what a
-    higher order takes away was motion. Where jumps and spikes are rare, the mean square of the
-    differences is taken, which is the more precise; the error of an ideal converter is the
-    least there can be.
+    The order of the differences is raised as long as that lowers the result, since what a higher
+    order removes was motion. Where jumps and spikes are rare, the mean square of the differences
+    is taken, which is more precise. The error of an ideal converter is the lower limit.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, flo
     sigma
         [unit of the values]; motion that no difference takes away is in it.
     relative
-        Standard error of ``sigma**2`` as a part of it.
+        Relative standard error of ``sigma**2``.
     """
     order = 4
     sigma = noise_floor(values, order)
@@ -110,10 +109,10 @@ def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, flo
 
 
 def common_step(levels: FloatArray) -> float:
-    """Largest step that all levels ``(k,)`` are multiples of, 0 where there is none of some size.
+    """Largest step of which all levels ``(k,)`` are multiples, 0 where there is none.
 
-    What a converter may have where every signal keeps a level of its own and shows no steps
-    (Euclid's algorithm, down to a thousandth of the largest).
+    It may be the step of a converter where signals rest and show no steps. Euclid's algorithm, down
+    to a thousandth of the largest level.
     """
     sizes = np.unique(np.abs(levels[levels != 0.0]))
     if sizes.size < 2:

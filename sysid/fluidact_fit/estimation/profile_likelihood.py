@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_CLOSE = 0.05  # departure from the parabola that does not matter
+_CLOSE = 0.05  # relative departure from the parabola that does not matter
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def profile_interval(
     Parameters
     ----------
     rise
-        ``rise(x)``: signless root of the rise of the profiled cost at ``x``, in standard
-        deviations of the residual; ``|x - value| / std_error`` for a parabola.
+        ``rise(x)``: root of the rise of the profiled cost at ``x``, in standard deviations of the
+        residual; ``|x - value| / std_error`` for a parabola.
     value, std_error
         Estimate [unit] and its standard error by the covariance.
     quantile

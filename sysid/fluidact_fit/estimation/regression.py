@@ -34,12 +34,12 @@ from .robust_weights import HUBER, SPIKE
 from .stribeck import STRIBECK, Rise, RiseSearch, shape_notice, slowest_and_fastest
 from .uncertainty import Uncertainty, covariance, enlarge, score_covariance, t_quantile
 
-_BIASED = 0.03  # standard errors of bias by noise of a column, from which instruments are used
-_MOST = 0.3  # of what a column tells: with more noise than that nothing is known of its shift
+_BIASED = 0.03  # bias by noise of a column [standard errors] from which instruments are used
+_DROWNED = 0.3  # share of noise in a column from which its bias is unknown
 _WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise [4]_
 _SEARCHED = 4000  # samples on which the Stribeck speed is searched for
-_STEPS = 12  # from one Stribeck speed to the next
-_SETTLED = 1e-3  # relative change of level and speed at which they end
+_STEPS = 12  # between Stribeck speeds, at most
+_SETTLED = 1e-3  # relative change of level and speed at which the steps end
 
 Columns = Mapping[str, FloatArray]
 Limits = Mapping[str, tuple[float, float]]
@@ -72,7 +72,7 @@ def shared_limits(limits: Limits, names: Sequence[str]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Samples whose residuals show the noise of the target: columns and target, ``(m,)`` each."""
+    """Columns and target, ``(m,)`` each, whose residuals show the noise of a balance."""
 
     columns: Columns
     target: FloatArray
@@ -80,28 +80,28 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Balance:
-    """One run of a balance; forces and what multiplies the unknowns by name, SI.
+    """One run of a balance of forces, SI.
 
     Attributes
     ----------
     columns, target
-        What multiplies the unknowns, and what they have to explain, shape ``(n,)`` each.
+        Factors of the unknowns by name, and the force that they have to explain, ``(n,)`` each.
     at
-        Which samples of the run these are, ``(N,)``.
+        Mask of these samples among those of the run, shape ``(N,)``.
     instruments
-        What stands in for the columns that carry noise, ``(n,)`` each.
+        Instruments for the columns that carry noise, by name, ``(n,)`` each.
     noises
-        For every noisy signal what one standard deviation of it adds to the columns, ``(n,)``.
+        For every noisy signal the change of the columns by one standard deviation, ``(n,)`` each.
     kernel
         Weights by which the target was smoothed; its noise is that of ``evidence``, over the
-        samples that these reach.
+        samples within their reach.
     evidence
-        The balance as its noise shows; the balance itself where there is none. Of several the
-        one with most noise counts.
+        Balances whose residuals show the noise, of which the noisiest counts; the balance itself
+        where there are none.
     reading, step
-        What was logged of the target, ``(N,)``, and the step of its converter.
+        Logged target, shape ``(N,)``, and the step of its converter.
     timed
-        Whether the samples follow each other in time.
+        Whether the samples follow one another in time.
     """
 
     columns: Columns
@@ -155,10 +155,20 @@ class RegressionModel:
 class Regression:
     """A solved balance.
 
-    ``free`` is the solution without bounds and ``values`` the one within them, both with what
-    was held. ``residuals`` are per run; beyond ``limit`` a sample has no weight. ``instrumented``
-    says whether instruments were needed, ``speed`` about which Stribeck speed it is linear, and
-    ``uncertainty`` what the residuals were taken for.
+    Attributes
+    ----------
+    free, values
+        Solution without bounds, and values within them, both with those that were held [SI].
+    residuals
+        Of every run, shape ``(n_i,)``.
+    scale, limit
+        Robust standard deviation of the residuals, and the size from which they have no weight.
+    uncertainty
+        Of the free solution.
+    instrumented
+        Whether instruments were needed.
+    speed
+        Stribeck speed about which the balance was made linear [m/s or rad/s].
     """
 
     free: Solved
@@ -171,7 +181,7 @@ class Regression:
     speed: float
 
     def spikes(self, least: float = 0.0, aside: Sequence[BoolArray] = ()) -> int:
-        """Number of samples without weight that are further off than ``least``, none ``aside``."""
+        """Number of samples without weight, further off than ``least`` and not in ``aside``."""
         limit = max(self.limit, least)
         far = [np.abs(r) > limit for r in self.residuals]
         if aside:
@@ -185,10 +195,10 @@ class Regression:
         sensor: str,
         aside: Sequence[BoolArray] = (),
     ) -> Iterator[Notice]:
-        """Name samples that no friction explains, if there are any but those ``aside`` per run.
+        """Warn of samples that no friction explains, except those ``aside`` (a mask per run).
 
-        A sample of the other direction is off by as much as the levels are apart (``least``), and
-        noise with long tails by more than normal noise; neither is a fault of the sensor.
+        A sample of the other direction is off by the distance of the levels (``least``), and noise
+        with long tails by more than normal noise; neither is a fault of the sensor.
         """
         count, limit = self.spikes(least, aside), max(self.limit, least)
         if not count:
@@ -242,7 +252,7 @@ class Estimator:
         self.limits, self.spike = limits or {}, spike
 
     def solve(self) -> Regression:
-        """Solve, about one Stribeck speed after the other where that is unknown."""
+        """Solve; where the Stribeck speed is unknown, repeatedly about the latest one."""
         if not self.names:
             residuals = [self._table(b)[1] for b in self.model.balances(Rise())]
             nothing = Uncertainty(np.zeros((0, 0)), 1, 0.0, 0)
@@ -258,7 +268,7 @@ class Estimator:
             # no further at once than where the term is still the same one
             speed = float(np.clip(speed, 0.6 * rise.speed, 1.6 * rise.speed))
             speed = float(np.clip(speed, 0.5 * low, 2.0 * high))
-            # about too high a level the speed hardly moves, and would seem to be known well
+            # about too high a level the speed hardly moves, and would seem well known
             off = abs(speed - rise.speed) / speed, abs(level - rise.level) / max(abs(level), 1e-300)
             if max(off) < _SETTLED:
                 break
@@ -273,7 +283,7 @@ class Estimator:
         every = -(-speeds.size // _SEARCHED)
 
         def solve(speed: float) -> tuple[float, float]:
-            """Squared mean size of the residuals, which spikes hardly change, and the level."""
+            """Squared mean absolute residual, robust against spikes, and the level."""
             runs = self.model.balances(Rise(0.0, speed, exponent))
             tables = []
             for b in runs:
@@ -289,12 +299,12 @@ class Estimator:
         return RiseSearch(ends, -(-speeds.size // every), solve)
 
     def other_shape(self) -> Iterator[Notice]:
-        """Say that another law of the rise fits better with as many unknowns, where one does."""
+        """Warn if another law of the rise fits as well with as many unknowns."""
         if set(STRIBECK) <= set(self.names):
             yield from shape_notice(self.search)
 
     def _table(self, balance: Balance | Evidence) -> tuple[FloatArray, FloatArray]:
-        """Columns of the unknowns, ``(n, p)``, and the target less what is held, ``(n,)``."""
+        """Columns of the unknowns, ``(n, p)``, and the target less the held terms, ``(n,)``."""
         size = balance.target.size
         right = balance.target
         for name, value in self.held.items():
@@ -316,7 +326,7 @@ class Estimator:
         added = self._noise_products(runs, best.weight)
         bias = best.inverse @ added @ best.values
         own = 1.0 / np.maximum(np.diag(best.inverse), 1e-300)
-        drowned = np.diag(added) > _MOST * own
+        drowned = np.diag(added) > _DROWNED * own
         noisy = bool(np.any(drowned | (np.abs(bias) > _BIASED * errors)))
         instrumented = noisy and any(b.instruments for b in runs)
         if instrumented:
@@ -342,7 +352,7 @@ class Estimator:
         )  # fmt: skip
 
     def _noise_products(self, runs: Sequence[Balance], weight: FloatArray) -> FloatArray:
-        """Sums of the products of what noise adds to the columns, shape ``(p, p)``."""
+        """Expected products of the noise in the columns, weighted, shape ``(p, p)``."""
         p = len(self.names)
         total, first = np.zeros((p, p)), 0
         for b in runs:
@@ -362,9 +372,9 @@ class Estimator:
         return bounded_least_squares(a, a @ x, low, high)[0]
 
     def _spread(self, runs: Sequence[Balance], best: _Robust, z: FloatArray) -> Uncertainty:
-        """Covariance: of autocorrelated noise, and no less than the scores scatter.
+        """Covariance under autocorrelated noise, and at least that of the scores.
 
-        Noise may be larger where it matters more: about reversals, or in a steep Stribeck term.
+        Noise may be larger where it matters more: near reversals, or in a steep Stribeck term.
         """
         cuts = np.cumsum([b.target.size for b in runs])[:-1]
         jacobian = _equivalent(runs, np.split(best.weight[:, None] * z, cuts), best.inverse)
@@ -376,7 +386,7 @@ class Estimator:
         return _widest([*(self._covariance(runs, jacobian, r) for r in sets), scattered])
 
     def _rest(self, evidence: Evidence, best: _Robust) -> FloatArray:
-        """Residuals of evidence, shape ``(m,)``, without what has no weight."""
+        """Residuals of evidence, shape ``(m,)``, with zeros for samples without weight."""
         a, y = self._table(evidence)
         rest = y - a @ best.values
         end = max(
@@ -387,7 +397,7 @@ class Estimator:
     def _covariance(
         self, runs: Sequence[Balance], jacobian: Sequence[FloatArray], rests: Sequence[FloatArray]
     ) -> Uncertainty:
-        """Covariance from residuals over whole stretches of samples, and their correlation."""
+        """Covariance from residuals, autocorrelated within stretches of samples."""
         columns, series, readings = [], [], []
         for b, j, r in zip(runs, jacobian, rests):
             at = b.support
@@ -407,7 +417,7 @@ def _stack(balance: Balance, names: Sequence[str], columns: Columns) -> FloatArr
 
 
 def _invert(matrix: FloatArray) -> FloatArray:
-    """Inverse of a matrix of unknowns in any units."""
+    """Inverse of a matrix ``(p, p)`` of unknowns of any size."""
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-13)
@@ -423,7 +433,7 @@ def _solve(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, floa
         weighted = weight[:, None] * z
         inverse = _invert(weighted.T @ a)
         now = inverse @ (weighted.T @ y)
-        now = now + inverse @ (weighted.T @ (y - a @ now))  # what rounding left
+        now = now + inverse @ (weighted.T @ (y - a @ now))  # removes rounding errors
         size = np.abs(y - a @ now)
         scale = max(PER_MEDIAN * float(np.median(size)), least[0])
         limit = max(SPIKE * scale, least[1])
@@ -440,7 +450,7 @@ def _solve(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, floa
 def _equivalent(
     runs: Sequence[Balance], instruments: Sequence[FloatArray], inverse: FloatArray
 ) -> list[FloatArray]:
-    """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per run."""
+    """Jacobians, per run, of a least-squares estimate with the gains ``Z inverse'``."""
     spread = [b.spread(z) for b, z in zip(runs, instruments)]
     gains = np.vstack(spread) @ inverse.T
     size = column_scales(gains)
@@ -450,7 +460,7 @@ def _equivalent(
 
 
 def _widest(found: Sequence[Uncertainty]) -> Uncertainty:
-    """The first uncertainty with the largest variances of all."""
+    """Return the first uncertainty, widened to the largest variances of all."""
     most = np.max([np.diag(u.covariance) for u in found], axis=0)
     first = found[0]
     return replace(
@@ -463,9 +473,9 @@ def _widest(found: Sequence[Uncertainty]) -> Uncertainty:
 
 
 def _stretches(at: BoolArray) -> list[int]:
-    """Boundaries of strokes, as indices into the chosen samples.
+    """Boundaries between stretches of consecutive samples, as indices into the chosen ones.
 
-    Remnants of fewer than 20 samples stay with the stretch before them.
+    Stretches of fewer than 20 samples stay with the one before them.
     """
     index = np.flatnonzero(at)
     out: list[int] = []
@@ -478,7 +488,7 @@ def _stretches(at: BoolArray) -> list[int]:
 def _reaching(
     found: Uncertainty, best: _Robust, a: FloatArray, z: FloatArray, y: FloatArray
 ) -> Uncertainty:
-    """No less than what instruments that say little leave open; infinite where they are weak.
+    """Widen an uncertainty to the range that poor instruments leave open; infinite where weak.
 
     With ``x`` the projected column beside all others, ``e`` what the projection left of the column
     and ``r`` the residual, a value ``d`` off is possible where
@@ -503,7 +513,7 @@ def _reaching(
 def _reach(
     own: FloatArray, left: FloatArray, residual: FloatArray, variance: float, t: float
 ) -> float:
-    """Distance of the farther end of the values that are possible."""
+    """Distance from the estimate to the farther end of the confidence set."""
     x = float(own @ own)
     if not x or not np.any(residual) or float(left @ left) <= 1e-18 * x:  # rounding
         return 0.0

@@ -1,7 +1,7 @@
-"""Output-error fits of responses in time: one estimator for every family that declares one.
+"""Output-error fits of responses in time, for every family that declares a response model.
 
-The search is staged: an excerpt of the logs tells the valleys of the cost, part of long logs
-leads closer, all samples decide. See ``docs/theory/responses.md``.
+The search is staged: an excerpt of the logs shows the valleys of the cost, part of long logs leads
+closer, and all samples decide. See ``docs/theory/responses.md``.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from .whitening import Whitening
 
 _EXCERPT = 1500  # samples of the logs on which starts are searched for
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
-_RIVALS = 6  # places far from the best that are searched
-_NEAR = 10.0  # times the best cost, within which a rival may be
-_SMOOTH = 0.02  # of the squared residuals, up to which those of their changes show no noise
-_ROUNDS = 6  # of reweighting, and of finding how much of the runs answers to the time before
-_NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
+_RIVALS = 6  # distinct points that are followed
+_RIVAL_COST = 10.0  # multiple of the best cost up to which a point may lead to a rival
+_SMOOTH = 0.02  # ratio of squared changes of residuals to their squares that shows no noise
+_ROUNDS = 6  # of reweighting, and of cutting off the response to the time before the runs
+_NEGLIGIBLE = 0.25  # error by noise of the input [standard errors] that is not allowed for
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,13 @@ class Response(Generic[T]):
 
 
 def fit_response(task: ResponseTask[T]) -> Response[T]:
-    """Fit, from a search for starts to the judgement of rivals."""
+    """Fit a response: search for starts, fit, allow for input noise, and judge rivals."""
     few = excerpt(task.experiments, task.output, _EXCERPT, task.model.reach)
     task.request.progress("searching for a start")
     begin = choose_beginning(task, few)
     problem, starts = task.problem(few, begin), task.starts(few, begin)
-    search = _look_elsewhere(task, problem, task.search(problem, starts))
-    # some rivals are the best one again, not quite settled
+    search = _search_alternatives(task, problem, task.search(problem, starts))
+    # some rivals are the best optimum again, not fully converged
     optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
     places = [task.values(problem, eta) for eta in optima]
     begin, places = cut_unrecorded(task, few, begin, places)
@@ -130,11 +130,11 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     return Response(replace(end, search=tried), model, begin, _limit(task, fitted, model))
 
 
-def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> Search:
-    """Search again where the family knows of rivals, as long as better ones are found there.
+def _search_alternatives(task: ResponseTask[T], problem: Problem, search: Search) -> Search:
+    """Search from starts where the family expects rivals, as long as better optima are found.
 
-    The cost is looked at first: only what comes near the best is worth a search, unless what the
-    best leaves is no noise and the family has many minima.
+    Only starts with a cost near the best are searched from, unless the residual of the best is no
+    noise and the family has many minima.
     """
     step = time_scales(task.experiments)[0]
     for _ in range(3):
@@ -146,7 +146,7 @@ def _look_elsewhere(task: ResponseTask[T], problem: Problem, search: Search) -> 
         starts = np.array([problem.vector({**values, **p}) for p in points])
         costs = profile(problem, starts)
         rough = task.model.many_minima and _is_smooth(best.residuals)
-        most = np.inf if rough else _NEAR * best.cost
+        most = np.inf if rough else _RIVAL_COST * best.cost
         near = _apart(starts[np.argsort(costs)][: np.sum(costs < most)])
         if not near:
             return search
@@ -170,8 +170,8 @@ def _fit(
     task: ResponseTask[T], ends: Sequence[Mapping[str, float]], part: NamedModel | None,
     begin: Beginning, starts: Sequence[Mapping[str, float]],
 ) -> tuple[Fitted, NamedModel, Beginning]:  # fmt: skip
-    """Fit everything, until what answers to the time before the runs is left out."""
-    # long logs are begun near their end, or every step takes too long
+    """Fit all samples, repeatedly until the response to inputs before the runs is left out."""
+    # searches on long logs begin near their end only: every step takes long
     again = starts if sum(e.samples for e in task.experiments) <= _MANY else ()
     for _ in range(_ROUNDS):
         model = _weighed(task, task.named(task.experiments, begin), ends)
@@ -191,7 +191,7 @@ def _fit(
 def _weighed(
     task: ResponseTask[T], model: NamedModel, ends: Sequence[Mapping[str, float]]
 ) -> NamedModel:
-    """The model with the weights of samples that are settled from some ends."""
+    """The model with robust weights of its samples, iterated from given ``ends``."""
     if not task.model.robust:
         return model
     problem = bind(model, task.unknowns, task.held)
@@ -209,7 +209,7 @@ def _weighed(
 
 
 def _limit(task: ResponseTask[T], fitted: Fitted, model: NamedModel) -> float | None:
-    """Residual from which samples of a robust fit count less."""
+    """Residual from which samples of a robust fit count less; ``None`` where all count alike."""
     if not task.model.robust:
         return None
     rest = [y - m for y, m in zip(model.measured, fitted.solution.simulate(), strict=True)]
@@ -219,9 +219,9 @@ def _limit(task: ResponseTask[T], fitted: Fitted, model: NamedModel) -> float | 
 def _allow_for_input_noise(
     task: ResponseTask[T], fitted: Fitted, begin: Beginning
 ) -> tuple[Fitted, Correct]:
-    """The fit corrected for the noise of a measured input, and what corrects another.
+    """Correct the fit for noise of a measured input; returned with it is the correction itself.
 
-    Nothing does where it does not matter, or cannot be allowed for.
+    There is none where the noise does not matter, or cannot be allowed for.
     """
     experiments, plain = task.experiments, fitted
     rows, roles = sum(e.samples for e in experiments), moving_inputs(experiments)
@@ -278,7 +278,7 @@ def _not_allowed_for(role: str) -> Notice:
 
 
 def _apart(points: FloatArray) -> list[FloatArray]:
-    """The first few of points, best first, that are not close to one another."""
+    """The first points, best first, that are not close to one another."""
     out: list[FloatArray] = []
     for point in points:
         if not any(np.all(np.abs(point - p) <= 0.15 * np.abs(p)) for p in out):

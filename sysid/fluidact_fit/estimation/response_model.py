@@ -1,7 +1,7 @@
-"""What a family declares whose response in time is fitted, and the fit that is asked of it.
+"""Declaration of a family whose response in time is fitted, and the task of one fit.
 
-A family gives its model as a function of named values, what of it is searched for and where a
-search may begin (:class:`ResponseModel`). :func:`.fit_response` does the rest.
+A family gives its model as a function of named values, the parameters to search for, and starts
+(:class:`ResponseModel`). :func:`.fit_response` does the rest.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .results import Refusal, held_by
 from .separable import Search, solve_from
 from .starts import dead_time_axis, grid_search, time_scales
 
-_REACH = 8  # times as long a part, of which bursts of samples make up the excerpt
+_REACH = 8  # length of the part of a log that an excerpt is spread over, per length of that
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class Beginning:
     rest
         Whether all begin at rest; else with any state.
     offset
-        Whether every run has an output offset of its own, every log one for its runs, or none.
+        ``"run"`` where every run has an output offset, ``"log"`` where every log has one, or
+        ``"none"``.
     unrecorded
         Time at the start of every run during which the output answers to an input before it [s].
         What was measured then is left out.
@@ -87,9 +88,9 @@ class Searched:
     axis
         Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
     sensible
-        Half-width beyond which an interval is useless; the estimate itself when ``None``.
+        Half-width beyond which a 95 % interval is useless; the estimate itself when ``None``.
     idle
-        Value at which it has no effect on the logs at hand.
+        Value without effect on these logs.
     """
 
     name: str
@@ -154,10 +155,11 @@ class ResponseModel(ABC, Generic[T]):
     allows_for_input_noise
         Whether the estimate takes noise of measured inputs into account.
     reach
-        Times as long as an excerpt is the part of a long log that its samples are spread over. A
-        dead time needs a long one, an output that adds up what the start is wrong by a short one.
+        Length of the part of a long log over which the samples of an excerpt are spread, per length
+        of the excerpt. A dead time needs a long part, an output that accumulates errors of a start
+        a short one.
     many_minima
-        Whether the cost of rivals tells little of what a search from there ends at.
+        Whether the cost at a start says little about the optimum that a search from it finds.
     """
 
     gain: ClassVar[str | None] = None
@@ -196,13 +198,13 @@ class ResponseModel(ABC, Generic[T]):
         return grid_search(task.problem(experiments, begin), axes, dead_times)
 
     def elsewhere(self, values: Mapping[str, float], step: float) -> list[dict[str, float]]:
-        """Far from some values, others that samples every ``step`` [s] may not tell from them."""
+        """Return distant values that samples every ``step`` [s] may not tell from these."""
         return []
 
 
 @dataclass(frozen=True)
 class ResponseTask(Generic[T]):
-    """Logs to be fitted, what is asked of the fit, and the family's plan for them."""
+    """Logs to be fitted, the user's request, and the family's plan for them."""
 
     model: ResponseModel[T]
     variant: Variant
@@ -215,7 +217,7 @@ class ResponseTask(Generic[T]):
         cls, model: ResponseModel[T], variant: Variant, experiments: Sequence[Experiment],
         request: Request[T], plan: Plan | None = None,
     ) -> ResponseTask[T]:  # fmt: skip
-        """The fit that a request asks for; the family plans it unless it has done so."""
+        """Return the task of a request; the family makes the ``plan`` if none is given."""
         check_request(variant.parameters, request)
         plan = plan or model.plan(experiments, request)
         request = replace(request, fixed={**plan.fixed, **request.fixed})
@@ -231,7 +233,7 @@ class ResponseTask(Generic[T]):
 
     @cached_property
     def held(self) -> dict[str, float]:
-        """Values that are known beforehand not to be estimated."""
+        """Values that are held from the start, by name [SI]."""
         return {**held_by(self.plan.refusals), **self.request.fixed}
 
     @property
@@ -249,7 +251,7 @@ class ResponseTask(Generic[T]):
 
     @property
     def owner(self) -> str:
-        """Who has an offset of the output: each run or, where runs are short, each log."""
+        """Owner of an output offset: ``"run"`` or, where runs are short, ``"log"``."""
         return "log" if self.model.common_offset and are_short(self.experiments) else "run"
 
     def values(self, problem: Problem, eta: FloatArray) -> dict[str, float]:
@@ -266,9 +268,9 @@ class ResponseTask(Generic[T]):
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:
-    """Return whether the runs hold too few samples to have offsets and initial states of their own.
+    """Return whether runs have too few samples for offsets and initial states of their own.
 
-    In a run of ten samples that begins with the step these would explain the whole response. In
-    a run of a hundred or more they cost next to nothing.
+    In a run of ten samples that begins with the step these would explain the whole response. In a
+    run of a hundred or more they cost hardly any accuracy.
     """
     return sum(e.samples for e in experiments) < 100 * len(experiments)

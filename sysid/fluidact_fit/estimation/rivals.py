@@ -22,18 +22,18 @@ from .uncertainty import widen_by
 
 Correct = Callable[[Fitted], Fitted] | None
 
-_FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
-_SIMILAR = 0.1  # of a value: two optima as near as that are one wide interval
+_FAST = 0.8  # pole times sample time up to which samples distinguish frequencies
+_SIMILAR = 0.1  # relative distance up to which two optima share one wide interval
 
 
 def judge_rivals(
     task: ResponseTask[T], end: Fitted, fitted: Fitted, model: NamedModel,
     places: Sequence[Mapping[str, float]], correct: Correct,
 ) -> Fitted:  # fmt: skip
-    """Refuse what has two values, far apart, that the data cannot tell from each other.
+    """Refuse a parameter with two distant values that the data cannot distinguish.
 
-    Two that are near each other make one wide interval, and those that ``correct``, which allows
-    for noise of an input, leads to the same end are one. ``places`` are where a rough search ended.
+    Values near each other share one wide interval; those that ``correct``, which allows for noise
+    of an input, takes to the same estimate count as one. ``places`` are the ends of a rough search.
 
     Raises
     ------
@@ -66,9 +66,9 @@ def judge_rivals(
 def _refuse(
     task: ResponseTask[T], fitted: Fitted, apart: list[int], rival: Mapping[str, float]
 ) -> None:
-    """Refuse one of the values that two fits which explain the logs alike do not share."""
+    """Refuse one of the parameters, of indices ``apart``, in which two equally good fits differ."""
     names = list(rival)
-    # a value to fall back on is none where the data allow two others
+    # a neutral value cannot be written where the data allow two others
     apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
     name = names[apart[0]]
     spec, step = fitted.specs[name], time_scales(task.experiments)[0]
@@ -86,14 +86,14 @@ def _refuse(
 
 
 def _widened(fitted: Fitted, change: Mapping[str, float]) -> Fitted:
-    """The fit with errors that hold whatever lies within a change of its values, both ways."""
+    """Return the fit with errors that cover a change of its values, either way."""
     d = np.array([change.get(n, 0.0) for n in fitted.names])
     intervals = {n: x for n, x in fitted.intervals.items() if n not in change}
     return replace(fitted, covariance=widen_by(fitted.covariance, d), intervals=intervals)
 
 
 def _leads_to(end: Fitted, plain: Fitted, correct: Correct, rival: Mapping[str, float]) -> bool:
-    """Return whether a rival of a plain fit comes to the same end once noise is allowed for."""
+    """Return whether a rival leads to the same estimate once input noise is allowed for."""
     if correct is None:
         return False
     other = correct(replace(plain, values={**plain.values, **rival}))

@@ -1,4 +1,4 @@
-"""Samples far off count less: Huber's weights."""
+"""Huber's weights: samples far off count less."""
 
 from __future__ import annotations
 

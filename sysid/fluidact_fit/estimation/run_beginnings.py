@@ -1,4 +1,4 @@
-"""What the runs of a response begin with: rest or any state, an unrecorded input, an offset.
+"""Initial conditions of the runs of a response: rest or any state, unrecorded input, offset.
 
 See ``docs/theory/responses.md``.
 """
@@ -24,15 +24,15 @@ from .separable import solve, solve_from
 from .significance import CERTAIN
 from .starts import time_scales
 
-_RESTING = 8  # first samples of an input that is taken to have been at rest before
-_FEW_STEPS = 2.0  # sample times of a dead time that leaves no more than as many samples undescribed
-_AT_REST = 0.1  # of the usual change of an input from one sample to the next
-_LONG_ENOUGH = 1000  # samples that show what is usual
-_EARLIER = (1.0, 0.7, 0.4)  # of a dead time, from which that of a fit without offset is sought
+_RESTING = 8  # first samples that show whether an input was at rest before
+_FEW_STEPS = 2.0  # dead time [sample times] below which no samples are left out
+_AT_REST = 0.1  # share of the usual change of an input between samples that counts as rest
+_LONG_ENOUGH = 1000  # samples that show the usual change
+_EARLIER = (1.0, 0.7, 0.4)  # shares of a dead time at which a fit without offset is begun
 
 
 def choose_beginning(task: ResponseTask[T], few: Sequence[Experiment]) -> Beginning:
-    """Return the user's start of the runs, and otherwise that of the excerpt."""
+    """Return the initial conditions that the user gave, or those that an excerpt shows."""
     options = task.request.options
     begin = options.beginning
     if options.offset != "none" and options.offset_of is None:
@@ -46,7 +46,7 @@ def choose_beginning(task: ResponseTask[T], few: Sequence[Experiment]) -> Beginn
 
 
 def _starts_at_rest(task: ResponseTask[T], few: Sequence[Experiment], begin: Beginning) -> bool:
-    """Return whether runs are short and no Bayes criterion asks for a free initial state."""
+    """Return whether runs are short and the Bayes criterion prefers a start from rest."""
     role = task.variant.driving[0].name
     if not are_short(few) or not all(_may_rest(e.signals[role]) for e in few):
         return False
@@ -67,7 +67,7 @@ def unrecorded_time(
     begin: Beginning,
     values: Mapping[str, float],
 ) -> float:
-    """Duration of the response to an input before the runs [s], with a margin; 0 at rest."""
+    """Duration of the response to an input before the runs, with a margin [s]; 0 from rest."""
     dead_time, step = values.get("dead_time", 0.0), time_scales(experiments)[0]
     given = task.request.options.unrecorded
     if given is not None or begin.rest or dead_time < max(_FEW_STEPS * step, begin.unrecorded):
@@ -83,7 +83,7 @@ def unrecorded_time(
 
 
 def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> Iterator[Notice]:
-    """Report how much of the runs answers to what came before them, and was left out."""
+    """Report the part of the runs that responds to earlier inputs and was left out."""
     if not begin.unrecorded:
         return
     runs = task.experiments
@@ -102,9 +102,9 @@ def cut_unrecorded(
     begin: Beginning,
     places: list[dict[str, float]],
 ) -> tuple[Beginning, list[dict[str, float]]]:
-    """Order places by how well they describe the excerpt, each without what it cannot.
+    """Order places by how well they describe the excerpt, each without its unrecorded time.
 
-    What a place leaves out counts with the variance of the output.
+    Samples that a place leaves out count with the variance of the output.
     """
     begins = [replace(begin, unrecorded=unrecorded_time(task, few, begin, p)) for p in places]
     if all(b == begin for b in begins):
@@ -130,7 +130,7 @@ def examine_offset(
 
     Returns
     -------
-    What to begin with, the values of that fit, and a warning where the choice matters.
+    The initial conditions, the values of that fit, and a warning where the choice matters.
     """
     if not task.model.gain or not begin.rest:
         return begin, dict(fitted.values), []
@@ -199,9 +199,9 @@ def _is_quiet(values: FloatArray, count: int) -> bool:
 
 
 def _may_rest(signal: Signal) -> bool:
-    """True if an input may have been at rest before its first sample: it does not move there yet.
+    """Return whether an input may have been at rest before its first sample.
 
-    One that is held may have stepped at any of its samples.
+    It does not move there yet, or is held and may have stepped at any of its samples.
     """
     change = np.abs(np.diff(signal.values[:_LONG_ENOUGH]))
     if signal.hold == "zoh" or change.size < 2:

@@ -28,13 +28,13 @@ from ..specification import (
 from .budget import uncounted
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
-_STEP = 0.02  # of a standard error, for differences of a simulation
-_RELATIVE_STEP = 1e-6  # of a value, where there is no standard error
+_STEP = 0.02  # standard errors, for differences of a simulation
+_RELATIVE_STEP = 1e-6  # relative to the value, where there is no standard error
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Noise that an estimator took the residuals for.
+    """Noise model that an estimator assumed for the residuals.
 
     Attributes
     ----------
@@ -42,18 +42,18 @@ class NoiseModel:
         Of the estimated values, in the order of :attr:`Solution.names`, shape ``(p, p)``
         [product of the units]; empty where there is none.
     independent
-        How many independent samples would show the size of the errors as well as the residuals
-        that the covariance was made of; infinite where those are white or more is known of them.
+        Number of independent samples that would show the size of the errors as well as the
+        residuals did; infinite where those are white or more is known of them.
     inputs
-        Noise on measured inputs that the estimate allows for, by role. The residual then holds
-        what the model makes of it.
+        Noise on measured inputs that the estimate allows for, by role. The residual then contains
+        the response to it.
     instruments
-        Derivatives of the output with what stands in for noisy inputs in their place, per run as
-        the Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. The
-        noise of such an input is in the residual and in every derivative alike, but not in these.
+        Derivatives of the output with instruments in the place of noisy inputs, per run as the
+        Jacobians are, shape ``(m_i, q)``; empty unless the estimate has instruments. Noise of such
+        an input is in the residual and in every derivative, but not in these.
         :func:`make_solution` fills them in.
     simulate_instruments
-        What simulates with such stand-ins, as :attr:`Solution.simulate_near` does without.
+        Simulates with instruments, as :attr:`Solution.simulate_near` does without.
     """
 
     covariance: FloatArray
@@ -65,14 +65,14 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class FittedRun:
-    """One run of a fit: what the model gives, and how that depends on the parameters.
+    """One run of a fit: its simulation, and the derivatives by the parameters.
 
     Attributes
     ----------
     experiment
         The run.
     simulated
-        The model with the values of the solution, as :meth:`.Family.simulate` gives it.
+        Simulation with the values of the solution, as :meth:`.Family.simulate` returns it.
     jacobians
         Derivatives of every channel that was fitted, by role, over the samples that were used,
         shape ``(m, q)`` [unit of the channel per unit of the parameter]. Unknowns of single logs
@@ -84,7 +84,7 @@ class FittedRun:
     jacobians: Mapping[str, FloatArray]
 
     def channel(self, role: str, output: str) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Measured and simulated values of a channel, and which samples were used, ``(n,)`` each.
+        """Measured and simulated values and mask of used samples of a channel, ``(n,)`` each.
 
         ``output`` is the role that :attr:`Simulated.output` stands for.
         """
@@ -121,26 +121,26 @@ class Solution(Generic[ReadT]):
     runs
         Residuals and Jacobians, per run and measured channel.
     noise
-        What the residuals were taken for.
+        Noise model of the residuals.
     options
-        The options with everything settled that the fit chose: sizes asked for as ``auto``,
-        dead bands and filters found from the noise. The file holds them.
+        The options with everything that the fit chose: sizes given as ``auto``, dead bands and
+        filters found from the noise. The file holds them.
     simulate_near
         Simulates the runs, or their beginnings, with slightly other values, inputs or options as
         :meth:`.Family.simulate` does. A family whose simulation searches at length for unknowns
         of single logs may take those to first order from the fit.
     residuals_are_fitted
-        Whether the residuals of the runs are those that the estimator minimised, not of other rows.
+        Whether the estimator minimised the residuals of the runs, and not those of other rows.
     derived
         Numbers computed from the parameters, with their own uncertainty.
     notices
         Warnings.
     covered
-        Ranges, over the samples that were used, of what no log recorded and the family computed
-        from it: lowest, highest and unit, by name.
+        Ranges, over the samples that were used, of quantities that the family computed from the
+        logs: lowest, highest and unit, by name.
     details
-        Anything else worth keeping in the file under ``fit`` (method, starts, filter). Tables
-        under ``comparisons``, rows by title, are shown by the report.
+        Further entries of the file under ``fit`` (method, starts, filter). Tables under
+        ``comparisons``, rows by title, are shown by the report.
     """
 
     variant: Variant
@@ -168,7 +168,7 @@ class Solution(Generic[ReadT]):
 
     @property
     def differentiated(self) -> int:
-        """How many of the estimated values, from the first, have derivatives."""
+        """Number of estimated values, from the first, that have derivatives."""
         return next(iter(self.runs[0].jacobians.values())).shape[1]
 
     @cached_property
@@ -193,21 +193,21 @@ def make_solution(
     covered: Mapping[str, tuple[float, float, str]] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> Solution[OptionsT]:
-    """Return the solution with these values, its runs simulated.
+    """Return the solution with these values, rounded as they are written, and its runs simulated.
 
     Parameters
     ----------
     simulate, experiments
-        What simulates the runs, which are those that were fitted.
+        Simulation of the family, and the runs that were fitted.
     variant, options, parameters, names, noise, simulate_near, derived, notices, covered, details
         As of :class:`Solution`.
     jacobians
-        Derivatives of the channels of every run that the estimator has at hand, over all samples
-        or over those used, shape ``(n, p)`` each [unit of the channel per unit of the value].
-        Without them those of the output are differences of simulations.
+        Derivatives of the channels of every run, if the estimator has them, over all samples or
+        over those used, shape ``(n, p)`` each [unit of the channel per unit of the value].
+        Otherwise those of the output are computed as differences of simulations.
     """
     near = simulate_near or simulate
-    # all that follows is computed from the numbers that are written
+    # everything below is computed from the numbers as they are written
     parameters = {name: round_quantity(q) for name, q in parameters.items()}
     derived = {name: round_quantity(q) for name, q in (derived or {}).items()}
     noise = replace(noise, covariance=round_covariance(noise.covariance))
@@ -240,16 +240,16 @@ def differences(
     names: Sequence[str],
     covariance: FloatArray,
 ) -> list[FloatArray]:
-    """Derivatives of the output of every run over used samples by central differences, (m, p).
+    """Derivatives of the output of every run over used samples, shape ``(m_i, p)`` each.
 
-    Values are moved by a part of their standard errors, which ``covariance`` tells.
+    By central differences with steps of part of a standard error, as ``covariance`` has it.
     """
     variances = np.diag(covariance) if covariance.size else np.zeros(0)
     steps = [_step(plant, n, float(v)) for n, v in zip(names, variances, strict=True)]
     output = plant.variant.output.name
     experiments = [run.experiment for run in runs]
     used = [run.channel(output, output)[2] for run in runs]
-    # of long records each derivative lies together: they are filled in one by one
+    # column by column in memory for long records: they are filled in one by one
     out = [
         np.zeros((rows, len(names)), order="F" if rows > BLOCK_ROWS else "C")
         for rows in (int(np.count_nonzero(u)) for u in used)
@@ -258,17 +258,17 @@ def differences(
         ends = [simulate(moved(plant, name, s * step), experiments) for s in (1.0, -1.0)]
         for j, u, up, down in zip(out, used, *ends, strict=True):
             change = all_of(np.asarray(up.output) - down.output, u)
-            if not is_finite(change):  # what another value leaves undescribed says nothing of it
+            if not is_finite(change):  # samples that other values leave undescribed tell nothing
                 change = np.nan_to_num(change, nan=0.0, posinf=np.inf, neginf=-np.inf)
             j[:, k] = change / (2.0 * step)
-        del ends, up, down  # of a long log not to be kept beside the next
+        del ends, up, down  # a long log leaves no memory for two of them
     return out
 
 
 def _over_used(
     run: FittedRun, jacobians: Mapping[str, FloatArray], output: str
 ) -> dict[str, FloatArray] | None:
-    """The rows of used samples; ``None`` where rows are not those of the samples."""
+    """Rows of the used samples, by role; ``None`` where the rows are not those of samples."""
     found = {}
     for role, j in jacobians.items():
         used = run.channel(role, output)[2]
@@ -290,7 +290,7 @@ def base_name(name: str) -> str:
 
 
 def number(plant: Plant[Any], name: str) -> float:
-    """Value of a plant, or one entry of a list, ``levels[2]`` [SI]."""
+    """Value of a parameter of a plant, or one entry of a list, ``levels[2]`` [SI]."""
     key, _, index = name.partition("[")
     return float(np.ravel(plant.values[key])[int(index.rstrip("]") or 0)])
 
@@ -298,9 +298,9 @@ def number(plant: Plant[Any], name: str) -> float:
 def moved(
     plant: Plant[ReadT], name: str, by: float, spec: ParameterSpec | None = None
 ) -> Plant[ReadT]:
-    """The same with a value moved, no further than the end of its physical range.
+    """Return the plant with a value moved ``by`` an amount [SI], within the range of its ``spec``.
 
-    ``name`` may be an entry of a list, ``levels[2]``; the range is that of its ``spec``.
+    ``name`` may be an entry of a list, ``levels[2]``.
     """
     key, _, index = name.partition("[")
     entries = np.array(plant.values[key], dtype=float)

@@ -94,11 +94,11 @@ def dead_time_axis(step: float, longest: float, lag: float) -> FloatArray:
 def excerpt(
     experiments: Sequence[Experiment], output: str, samples: int, reach: int = 1
 ) -> list[Experiment]:
-    """The most eventful parts of the logs, for starting searches.
+    """Return the most eventful parts of the logs, for starting searches.
 
-    Searching for a start on a million samples or a hundred runs costs minutes and buys
-    nothing: the full fit that follows uses them all. Of parts ``reach`` times as long as there are
-    samples to be taken, bursts are taken all along: dead times may be far longer than a burst.
+    Searching for a start on a million samples or a hundred runs takes minutes and gains nothing:
+    the full fit that follows uses them all. Bursts of samples are taken all along parts that are
+    ``reach`` times as long: dead times may be far longer than a burst.
     """
     lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
     taken: list[Experiment] = []
@@ -112,7 +112,7 @@ def excerpt(
 
 
 def _in_bursts(experiment: Experiment, samples: int) -> Experiment:
-    """The run with about so many samples of its output, and all of its inputs."""
+    """The run with bursts of about so many samples of its output, and all of its inputs."""
     every = -(-experiment.samples // samples)
     if every < 2:
         return experiment

@@ -24,9 +24,9 @@ from .significance import CERTAIN
 
 STRIBECK = ("stribeck", "stribeck_speed")
 EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for another one
-_ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
-_HELD = 0.01  # least share of the samples that a speed has
-_TESTED = 3  # clearly different speeds at which a rise shows
+_ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that count as one, and as two
+_HELD = 0.01  # least share of the samples at a speed that counts
+_TESTED = 3  # clearly different speeds that a test for a rise needs
 _GRID = 16  # speeds at which the search begins
 _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
 _SLOWER = (
@@ -111,10 +111,10 @@ def slowest_and_fastest(speed: FloatArray, least: float = 0.0) -> tuple[float, f
 
 
 def with_speed(values: Mapping[str, float], speed: FloatArray) -> dict[str, float]:
-    """Values of a plant; a Stribeck level without a speed, as a fit is tested for it, gets one.
+    """Values of a plant, with a speed for a Stribeck level that a fit without one is tested for.
 
-    It lies amid the speeds of the motion. Of fewer than three nothing is left of a rise beside
-    Coulomb and viscous friction but what noise makes of it.
+    It lies in the middle of the speeds of the motion. With fewer than three speeds a rise cannot be
+    told from Coulomb and viscous friction.
     """
     out = dict(values)
     tested = out.get("stribeck") and not out.get("stribeck_speed") and np.any(speed)
@@ -240,11 +240,11 @@ class RiseSearch:
 
 
 def shape_notice(search: Callable[[float], RiseSearch]) -> Iterator[Notice]:
-    """Say that another law would fit as well with as many unknowns, where one does.
+    """Warn if another law would fit as well with as many unknowns.
 
-    ``search`` looks for the rise with an exponent of its fall: 2 is that of the law, from 0.5 to
-    "very large" have been proposed [1]_. A level that *falls* towards rest is what friction
-    that grows faster than in proportion to the speed looks like.
+    ``search`` searches for the rise with a given exponent of its fall: 2 is that of the law; from
+    0.5 to "very large" have been proposed [1]_. Friction that grows faster than in proportion to
+    the speed looks like a level that *falls* towards rest.
 
     References
     ----------
@@ -297,7 +297,7 @@ def undetermined(
     least: float = 0.0,
     deadband: float = 0.0,
 ) -> list[Refusal]:
-    """Both parameters, where the rise is not beyond doubt or its speed could be any.
+    """Refuse both parameters where the rise is in doubt, or its speed could be any.
 
     Parameters
     ----------
@@ -351,10 +351,10 @@ def undetermined(
 
 
 def _require_no_rise(found: Solved, reason: str) -> None:
-    """Refuse all friction where it rises for sure and nobody knows how.
+    """Refuse all friction where it certainly rises, but by an unknown law.
 
     ``found`` has the rise at the speed that fits best. Levels and slope without a rise would be
-    those of a law that the logs contradict, with intervals that take it for true.
+    those of a law that the logs contradict, with intervals that assume it.
     """
     if "stribeck" not in found.names:
         return

@@ -11,11 +11,11 @@ import numpy as np
 from ..experiment import Experiment, FloatArray
 from ..specification import Plant, Simulate, Simulated, UnmodelledEffect
 
-_SOFT = 0.03  # of the range of a command, over which an edge is tried to open
+_SOFT = 0.03  # share of the range of a command over which an edge opens
 
 
 def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> UnmodelledEffect:
-    """A dead zone whose edges open gradually, as those of a spool with notches do.
+    """Effect of a dead zone whose edges open gradually, as those of a notched spool do.
 
     Beyond the edge ``a`` the effective command is ``r ln(1 + exp((u - a) / r))`` in place of
     ``max(u - a, 0)``, ``r`` a small part of the range: the largest change is ``r ln 2``, at the
@@ -33,7 +33,7 @@ def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Unmo
 
 
 def output_offset(role: str) -> UnmodelledEffect:
-    """An offset of the output, for a fit without one (``--offset none``); one for every log."""
+    """Effect of an output offset of every log, for a fit without any (``--offset none``)."""
     return UnmodelledEffect(
         "output offset",
         f"'{role}' has an offset of its own in every log",
@@ -54,7 +54,7 @@ def _levels(
 
 
 def initial_states(role: str, responses: Callable[[Experiment], FloatArray]) -> UnmodelledEffect:
-    """States with which a run begins, for a fit from rest (``--start-state rest``).
+    """Effect of initial states, for a fit from rest (``--start-state rest``).
 
     ``responses`` are the free responses of the output to unit states, shape ``(n, states)``.
     """
@@ -72,9 +72,9 @@ def _free_responses(
     role: str, responses: Callable[[Experiment], FloatArray], experiments: Sequence[Experiment],
     simulate: Simulate,
 ) -> list[dict[str, FloatArray]]:  # fmt: skip
-    """Free responses of every run beside zeros for those of the others, ``(n, runs * states)``.
+    """Free responses of every run, with zeros for the states of others, ``(n, runs * states)``.
 
-    Copies of a run, with noise added to its input, have its state.
+    Copies of a run with noise added to its input share its state.
     """
     names, out = list(dict.fromkeys(e.name for e in experiments)), []
     for e in experiments:
@@ -108,7 +108,7 @@ def _softened(
 def slopes(
     before: Sequence[Simulated], after: Sequence[Simulated], output: str, by: float
 ) -> list[dict[str, FloatArray]]:
-    """Change of all channels of every run, by role, per size of what changed them."""
+    """Derivatives of all channels of every run, by role, from simulations ``by`` a size apart."""
 
     def channels(one: Simulated) -> Mapping[str, FloatArray]:
         return {**one.also, output: one.output}

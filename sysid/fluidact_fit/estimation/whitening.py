@@ -24,7 +24,7 @@ import numpy as np
 from ..experiment import Array, FloatArray
 from .recursion import run_recursion
 
-_LONGEST = 300  # samples until the gain of the filter is taken for constant
+_LONGEST = 300  # samples after which the gain of the filter is taken as constant
 _SETTLED = 1e-4  # relative change of the innovations' variance below which it is constant
 
 
@@ -37,9 +37,10 @@ class Whitening:
     coefficients
         ``a``, shape ``(q,)``; the process is zero before the first sample.
     drive, white
-        Standard deviations of what drives it, and of the white noise on top [unit of the rows].
+        Standard deviations of the noise that drives the process, and of the white noise on top
+        [unit of the rows].
     focus
-        Weights of a filter that the innovations pass then, shape ``(m,)``: the present one first.
+        Weights of a filter that the innovations pass afterwards, shape ``(m,)``, latest first.
     """
 
     coefficients: FloatArray
@@ -51,10 +52,10 @@ class Whitening:
     def _gains(self) -> tuple[FloatArray, FloatArray]:
         """Gains of the predictor ``(k, q)`` and variances of the innovations ``(k,)``, by sample.
 
-        State in observer form: the first entry is the process itself. What is known of it
-        changes by a matrix of rank one from sample to sample, of which the root is carried on [2]_.
+        The state is in observer form: its first entry is the process itself. Its covariance changes
+        by a matrix of rank one from sample to sample, whose root is propagated [2]_.
         """
-        # numbers, not arrays: there are a few of each, and hundreds of samples
+        # plain numbers are faster than arrays of a few entries over hundreds of samples
         a: list[float] = self.coefficients.tolist()
         variance = self.drive**2 + self.white**2
         root, weight = a, self.drive**2 * self.white**2 / variance
@@ -120,9 +121,9 @@ class Whitening:
 
 
 def causal_filter(power: FloatArray, length: int) -> FloatArray:
-    """Weights of the causal filter of least delay whose gains have given squares, ``(length,)``.
+    """Weights of the minimum-phase filter with given squared gains, shape ``(length,)``.
 
-    By the cepstrum: half of it, doubled, is that of the filter [3]_.
+    Its cepstrum is the causal half, doubled, of that of the gains [3]_.
 
     Parameters
     ----------
