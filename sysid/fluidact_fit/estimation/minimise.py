@@ -175,8 +175,8 @@ def _share_left(length: float, before: float, gain: float, tolerance: float) -> 
 
     ``length`` and ``before`` are the lengths of this step and the last one in standard errors,
     ``gain`` is the fall of the cost relative to the predicted one. A step that comes as predicted
-    leaves little. Near the end, with a strict tolerance, steps are assumed to shorten as fast as
-    before, unless the prediction was worse than that.
+    leaves little. Near the end steps are taken to shorten as fast as before, unless the prediction
+    was worse than that.
     """
     wrong = abs(1.0 - gain)
     left = min(1.0, 4.0 * wrong) if tolerance > 1e-3 else 1.0
