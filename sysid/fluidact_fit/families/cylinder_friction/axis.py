@@ -11,10 +11,10 @@ PRESSURES = "-pressures"  # variants without a load cell
 
 @dataclass(frozen=True)
 class Axis:
-    """Roles of what drives and what moves, their SI units, and what inertia is called.
+    """Names of drive, motion and inertia of one kind of axis, with their SI units.
 
-    ``viscous`` is the unit of viscous friction; ``body`` is what moves, in words; ``sensor``
-    measures the drive.
+    ``drive``, ``speed`` and ``place`` are roles; ``viscous`` is the unit of viscous friction,
+    ``body`` the name of the moving part and ``sensor`` that of the sensor of the drive.
     """
 
     drive: str
@@ -59,5 +59,5 @@ def axis_of(variant: Variant) -> Axis:
 
 
 def is_place(role: str) -> bool:
-    """Return whether a role is where something is, and not how fast it moves."""
+    """Return whether a role is a position or angle, and not a speed."""
     return role in (LINEAR.place, ROTARY.place)

@@ -1,4 +1,4 @@
-"""One fit: which unknowns the logs determine, their values, and what is refused."""
+"""Fit of friction: unknowns that the logs determine, their values, and refusals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .axis import LINEAR, Axis
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .samples import (
     LEVELS,
-    Data,
+    FrictionData,
     both_ways,
     friction_model,
     group_by_log,
@@ -36,14 +36,22 @@ _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an o
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A finished fit: ``data`` as fitted, ``options`` with everything settled.
+class FrictionFit:
+    """A finished fit.
 
-    ``found`` is the regression in its own unknowns, ``solved`` the same by parameters and
-    offsets; ``ranges`` are the slowest and fastest speed by direction [m/s or rad/s].
+    Attributes
+    ----------
+    data, options
+        Runs as fitted, and options with everything settled.
+    found, solved
+        Regression in its own unknowns, and the same by parameters and offsets.
+    ranges
+        Slowest and fastest speed by direction [m/s or rad/s].
+    notices
+        Warnings of refusals and of the shape of the law.
     """
 
-    data: Sequence[Data]
+    data: Sequence[FrictionData]
     options: FrictionOptions
     found: Regression
     solved: Solved
@@ -62,7 +70,7 @@ class Fit:
 
     @property
     def covered(self) -> dict[str, tuple[float, float, str]]:
-        """Range of the speed where it was computed from a place [m/s or rad/s]."""
+        """Range of the speed where it was computed from a position or angle [m/s or rad/s]."""
         if self.axis.speed in self.data[0].experiment:
             return {}
         v = speeds(self.data)
@@ -84,10 +92,17 @@ class Fit:
         return self.solved.derive(units, function)
 
 
-def fit_friction(variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]) -> Fit:
+def fit_friction(
+    variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions]
+) -> FrictionFit:
     """Fit, refuse what is not determined, and add an offset where one is needed.
 
-    An error where the forces cannot be those of friction, or nothing is left to estimate.
+    Raises
+    ------
+    LogError
+        Where the forces cannot be those of friction.
+    UsageError, NotIdentifiedError
+        Where nothing is left to estimate, or an offset that was asked for cannot be.
     """
     options, fixed, moved, axis = request.options, request.fixed, sides_moved(data), data[0].axis
     check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
@@ -97,7 +112,7 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
     ranges = _speed_ranges(data, moved)
     specs = {p.name: p for p in variant.parameters}
     rising = free_names(options.stribeck == "estimate", fixed)
-    refusals = [r for s in SIDES if s not in moved for r in _idle(s, options, ranges, axis)]
+    refusals = [r for s in SIDES if s not in moved for r in _refuse_side(s, options, ranges, axis)]
     known = {*fixed, *(r.parameter for r in refusals)}
     alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges))]
     refusals += [_too_alike(n, ranges, axis) for n in alike]
@@ -115,11 +130,6 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
             )
         return Estimator(model, names, held, limits).solve()
 
-    def apart() -> bool:
-        """Return whether an offset of one log, which the others may hide, needs offsets."""
-        logs = [d for d in group_by_log(data) if both_ways(d) and len(d) < len(data)]
-        return any(levels_impossible(Estimator(friction_model(d), LEVELS).solve()) for d in logs)
-
     def solve(held: Mapping[str, float]) -> Regression:
         """Solve with an offset where it is asked for, or a level would be negative."""
         possible = not any(n in held for n in LEVELS) and options.offset != "none"
@@ -132,7 +142,11 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
             )
         if not asked:
             found = attempt(held, *LEVELS)
-            if not possible or options.is_settled or not (levels_impossible(found) or apart()):
+            if (
+                not possible
+                or options.is_settled
+                or not (levels_impossible(found) or _one_log_has_offset(data))
+            ):
                 return found
         logs = offset_groups(data)
         offsets = [f"offset[{d[0].experiment.log}]" for d in logs] if logs[1:] else ["offset"]
@@ -158,7 +172,13 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in unknowns}
     notices = [*end.notices, *Estimator(model, unknowns, held).other_shape()]
-    return Fit(data, options, found, solved.renamed(source), ranges, notices)
+    return FrictionFit(data, options, found, solved.renamed(source), ranges, notices)
+
+
+def _one_log_has_offset(data: Sequence[FrictionData]) -> bool:
+    """Return whether a single log shows an offset, which the others may hide."""
+    logs = [d for d in group_by_log(data) if both_ways(d) and len(d) < len(data)]
+    return any(levels_impossible(Estimator(friction_model(d), LEVELS).solve()) for d in logs)
 
 
 def levels_impossible(found: Regression) -> bool:
@@ -168,11 +188,11 @@ def levels_impossible(found: Regression) -> bool:
 
 
 def _of(name: str, ranges: Ranges) -> Ranges:
-    """Speeds by direction of the motion that feels a viscous coefficient; empty: none moved."""
+    """Speed ranges of the directions that a viscous coefficient acts in; empty without motion."""
     return {s: r for s, r in ranges.items() if name in ("viscous", f"viscous_{s}")}
 
 
-def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
+def _check_signs(data: Sequence[FrictionData], moved: Sequence[str]) -> None:
     """Reject forces that act along the motion, as friction never does.
 
     The mean force of the strokes, half the difference of the two directions, would then be
@@ -211,8 +231,8 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     )
 
 
-def _idle(side: str, options: FrictionOptions, ranges: Ranges, axis: Axis) -> list[Refusal]:
-    """Refuse what belongs only to a direction without motion."""
+def _refuse_side(side: str, options: FrictionOptions, ranges: Ranges, axis: Axis) -> list[Refusal]:
+    """Refuse the parameters of a direction without motion."""
     other = next(s for s in SIDES if s != side)
     nothing = f"nothing moves in the {side} direction."
     remedy = f"Record at least one stroke in the {side} direction, at steady speed"
@@ -247,12 +267,12 @@ def _too_alike(name: str, ranges: Ranges, axis: Axis, doubt: str = "") -> Refusa
 def _undetermined(
     found: Solved,
     specs: Mapping[str, ParameterSpec],
-    data: Sequence[Data],
+    data: Sequence[FrictionData],
     ranges: Ranges,
 ) -> list[Refusal]:
-    """The viscous coefficient most in doubt, if it could be anything up to half of all friction.
+    """Refuse the most uncertain viscous coefficient, if half of all friction is in doubt by it.
 
-    The interval times the range of speeds is the force that is in doubt.
+    The force in doubt is the half-width of the interval times the range of speeds.
     """
     max_half_widths = {}
     for name in (n for n in ("viscous", *ONE_SIDED) if n in found.names):
@@ -264,7 +284,9 @@ def _undetermined(
     ]
 
 
-def _speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[float, float]]:
+def _speed_ranges(
+    data: Sequence[FrictionData], moved: Sequence[str]
+) -> dict[str, tuple[float, float]]:
     """Slowest and fastest speed of whole strokes by direction, over all logs.
 
     Noise of the velocity, 2 x 1.282 standard deviations of it, is taken off the spread.

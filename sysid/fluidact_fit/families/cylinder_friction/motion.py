@@ -29,21 +29,34 @@ _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for 
 
 
 @dataclass(frozen=True)
-class Motion:
+class FilteredMotion:
     """Motion of one log: arrays of shape ``(n,)``, velocities and noise in m/s or rad/s.
 
-    ``velocity`` is filtered; it gives the direction of a sample, and is the instrument of the
-    regression: of a measured velocity, each sample's own reading is left out of it. ``regressor``
-    belongs to the matched force: the measured velocity as it is, or the filtered slope of a
-    position. ``sharp`` is to predict with, quiet and hardly flattened: a measured velocity
-    smoothed, or that of a position with the first order of what the filter removed restored.
-
-    ``inside`` marks the samples whose filter window lies within the record; ``noise`` is the
-    standard deviation of ``velocity``, ``raw`` that of what multiplies the Stribeck level: the
-    readings, or ``sharp``. ``acceleration`` is the derivative of the regressor, a measured
-    velocity filtered before [m/s2]; ``None`` without time. ``half`` is the half-width of
-    the filter in samples (0: not filtered), and with ``kernel`` the force is smoothed to match
-    the regressor. ``exact`` motion was given as a step: nothing in it is noise.
+    Attributes
+    ----------
+    velocity
+        Filtered; it gives the direction of a sample and is the instrument of the regression. Each
+        sample's own reading is left out of it where a velocity was measured.
+    regressor
+        Velocity that belongs to the matched force: the measured one, or the filtered slope of a
+        position.
+    sharp
+        Velocity for predictions, with little noise and hardly flattened: a measured velocity
+        smoothed, or the slope of a position with the loss by its filter restored to first order.
+    inside
+        Mask of the samples whose filter window lies within the record.
+    noise, raw
+        Standard deviations of the noise of ``velocity``, and of the speed that multiplies the
+        Stribeck level: the readings, or ``sharp``.
+    acceleration
+        Derivative of the regressor, a measured velocity filtered first [m/s2]; ``None`` without
+        time.
+    half
+        Half-width of the filter in samples; 0 for none.
+    kernel
+        Weights that smooth the force to match the regressor.
+    exact
+        Whether the motion was given as a step, without noise.
     """
 
     velocity: FloatArray
@@ -84,7 +97,7 @@ class Motion:
         return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
 
 
-def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
+def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMotion:
     """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s].
 
     The slope of a position is regressor and instrument at once. Of a velocity the readings are the
@@ -101,13 +114,13 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
                 remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
             )
         v = experiment.sampled(role)
-        return Motion(v, v, v, everywhere, 0.0, 0.0, np.zeros(v.size), exact=True)
+        return FilteredMotion(v, v, v, everywhere, 0.0, 0.0, np.zeros(v.size), exact=True)
     step = experiment.signals[role].resolution
     if np.ptp(y) < 20.0 * step:
         step = 0.0  # a handful of exact levels, as in a table of plateaus
     noise = max(white_noise(y), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
-        return Motion(y, y, y, everywhere, noise, noise)
+        return FilteredMotion(y, y, y, everywhere, noise, noise)
     least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
     samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
     half = max(least, min(samples, (y.size - 1) // 2))
@@ -126,7 +139,9 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
         taps = slope_taps(half) / experiment.sample_time
         quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, np.convolve(taps, sharp)))
         acceleration = central_difference(v, experiment.time)
-        return Motion(v, v, filtered(v, sharp), inside, quiet, raw, acceleration, half, kernel)
+        return FilteredMotion(
+            v, v, filtered(v, sharp), inside, quiet, raw, acceleration, half, kernel
+        )
     once = matched_kernel(half, 0)
     sharp = sharpener(once)
     smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
@@ -134,10 +149,12 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
     others = np.where(inside, (smoothed - share * y) / (1.0 - share), smoothed)
     quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
     acceleration = central_difference(smoothed, experiment.time)
-    return Motion(others, y, smoothed, inside, quiet, noise, acceleration, half)
+    return FilteredMotion(others, y, smoothed, inside, quiet, noise, acceleration, half)
 
 
-def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> FloatArray | None:
+def quiet_acceleration(
+    experiment: Experiment, motion: FilteredMotion, role: str
+) -> FloatArray | None:
     """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
     The filter of a position is made longer as long as what this changes is noise, and taken one
@@ -167,7 +184,7 @@ def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> Flo
     return before
 
 
-def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> FloatArray:
+def match_force(experiment: Experiment, motion: FilteredMotion, force: FloatArray) -> FloatArray:
     """Smooth a force as the regressor is smoothed, shape ``(n,)``.
 
     The slope of a position is a weighted mean of the velocity within the window; the same
@@ -183,7 +200,7 @@ def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> Fl
     return differentiate(experiment, cubics.antiderivative()(experiment.time), motion.half)[1]
 
 
-def _flattens(before: Motion, now: Motion) -> bool:
+def _flattens(before: FilteredMotion, now: FilteredMotion) -> bool:
     """Return whether a longer filter removes much of the highest speed, and not just its noise.
 
     Noise alone raises the highest speed by up to two of its standard deviations.
@@ -240,7 +257,7 @@ def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:
 
 def make_motions(
     experiments: Sequence[Experiment], role: str, half_width: float | None
-) -> tuple[list[Motion], float]:
+) -> tuple[list[FilteredMotion], float]:
     """Motion of every log, and the half-width of the filter of all of them [s].
 
     It is chosen where none is given, and 0 without time.

@@ -12,22 +12,22 @@ from ...estimation.uncertainty import model_of_residuals
 from ...mechanics.friction_law import FrictionLaw, unequal_levels
 from .axis import LINEAR
 from .filters import DEGREE
-from .fit import Fit, levels_impossible
+from .fit import FrictionFit, levels_impossible
 from .options import ONE_SIDED, SIDES
 from .samples import LEVELS, half_range
 
 _BEYOND_DOUBT = 4.0  # standard errors of a parameter by which logs differ beyond doubt
 
 
-def fit_notices(fit: Fit) -> Iterator[Notice]:
+def fit_notices(fit: FrictionFit) -> Iterator[Notice]:
     """Yield everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
     width = 2.0 * half_range(fit.data)
-    yield from fit.found.spike_notices(width, fit.data[0].say, fit.axis.sensor)
+    yield from fit.found.spike_notices(width, fit.data[0].text, fit.axis.sensor)
     yield from _warn_of_disagreement(fit)
 
 
-def _explain_levels(fit: Fit) -> Iterator[Notice]:
+def _explain_levels(fit: FrictionFit) -> Iterator[Notice]:
     """Name the offset of the force, or what of the levels could be one."""
     drive, sensor, linear = fit.axis.drive, fit.axis.sensor, fit.axis is LINEAR
     derived, choice = fit.derived(), fit.options.offset
@@ -70,7 +70,7 @@ def _explain_levels(fit: Fit) -> Iterator[Notice]:
             yield Notice("asymmetry-or-offset", text)
 
 
-def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
+def _warn_of_disagreement(fit: FrictionFit) -> Iterator[Notice]:
     """Warn of the log whose mean friction is least that of the fit.
 
     Of one too slow to be fitted the mean speed is known where that of a sample is lost in noise.
@@ -102,12 +102,12 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
             )
         yield Notice(
             "logs-disagree",
-            f"the logs do not share one friction: in {d.experiment.name} it is {d.say(abs(more))} "
+            f"the logs do not share one friction: in {d.experiment.name} it is {d.text(abs(more))} "
             f"{'more' if more > 0.0 else 'less'} than the fit gives {where}. {remedy}",
         )
 
 
-def fit_details(fit: Fit, left_out: Mapping[str, int]) -> dict[str, Any]:
+def fit_details(fit: FrictionFit, left_out: Mapping[str, int]) -> dict[str, Any]:
     """Details of the method, for the file; the instrument is the one in ``Z' (F - A x) = 0``."""
     order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)

@@ -1,4 +1,4 @@
-"""Options of the family, what the fit settles among them, and which do not fit the logs."""
+"""Options of the family, those that the fit settles, and checks of options against the logs."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class FrictionOptions(FamilyOptions):
 
     @property
     def unpressed(self) -> Self:
-        """The same without pressures: what a motion tells of friction does not depend on them."""
+        """The options without pressures, on which the information of a motion does not depend."""
         return replace(self, area=None, area_2=None, pressures="resist")
 
     @property
@@ -88,17 +88,39 @@ class FrictionOptions(FamilyOptions):
 def check_options(
     variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
 ) -> None:
-    """Reject options that do not fit the logs.
+    """Reject options that do not fit the logs; the output may be missing from them.
 
-    The output may be missing: without a force the pressure is what the model gives.
+    Raises
+    ------
+    UsageError, NotIdentifiedError
+        Naming the option, and what to give instead.
     """
-    axis, driven = axis_of(variant), variant.output.name == "pressure"
+    axis = axis_of(variant)
     foreign = ("mass", "area", "area_2") if axis is ROTARY else ("inertia",)
     for name in (n for n in foreign if getattr(options, n) is not None):
         raise UsageError(
             f"--{name.replace('_', '-')} does not apply to the {axis.drive} of a {axis.body}",
             remedy=f"Leave it out; what moves is given as --{axis.inertia} [{axis.inertia_unit}].",
         )
+    _check_chambers(variant, experiments, options)
+    untimed = [e.name for e in experiments if not e.time.size]
+    for name in (n for n in ("mass", "inertia", "filter") if getattr(options, n) is not None):
+        if untimed and not options.is_settled:
+            raise UsageError(
+                f"--{name} needs time, and {untimed[0]} has none",
+                remedy="Give --column time=HEADER or --sample-time SECONDS, "
+                f"or leave --{name} out.",
+            )
+
+
+def _check_chambers(
+    variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
+) -> None:
+    """Reject pressures without their areas, and areas without their pressures.
+
+    Where the pressures drive, that of the first chamber is the output.
+    """
+    driven = variant.output.name == "pressure"
     beside = not driven and any("pressure" in e for e in experiments)
     if options.pressures == "drive" and not (beside or options.is_settled):
         raise UsageError(
@@ -139,11 +161,3 @@ def check_options(
         )  # fmt: skip
     if driven and not options.area:
         raise UsageError("--area is zero", remedy="Give the piston area in m2.")
-    untimed = [e.name for e in experiments if not e.time.size]
-    for name in (n for n in ("mass", "inertia", "filter") if getattr(options, n) is not None):
-        if untimed and not options.is_settled:
-            raise UsageError(
-                f"--{name} needs time, and {untimed[0]} has none",
-                remedy="Give --column time=HEADER or --sample-time SECONDS, "
-                f"or leave --{name} out.",
-            )

@@ -15,34 +15,43 @@ from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from ...mechanics.friction_law import FrictionLaw
 from .axis import Axis, axis_of, motion_role
-from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
+from .motion import SLOW, FilteredMotion, make_motions, match_force, quiet_acceleration
 from .options import ONE_SIDED, SIDES, FrictionOptions, check_options
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
-MASS = "mass"  # what an unknown mass would add, estimated only to see what it takes
-_LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
-_STEADY = 0.1  # part of its mean that a steady speed may wander
-_FEWEST_STEADY = 50  # samples that show it
-_SLOWEST = 0.1  # of the moving samples are those of the slowest strokes
-_SMALL = 0.05  # share of the friction that inertia may have before it matters
-_CORNER = 4.0  # times its usual size that a second difference has at a corner of the velocity
-_SHARP = 0.02  # of the highest speed that it is there at least
-_LARGER = 1.3  # times as far off as elsewhere that the force is at corners
+MASS = "mass"  # an unknown mass, estimated only to see its share of the force
+_LINGER = 1.5  # multiple of the passage through zero that the slope predicts: longer is a rest
+_STEADY = 0.1  # relative variation of a steady speed
+_FEWEST_STEADY = 50  # samples that show a steady speed
+_SLOWEST = 0.1  # share of the moving samples that the slowest strokes have
+_SMALL = 0.05  # share of the friction from which inertia matters
+_CORNER = 4.0  # multiple of its usual size that a second difference has at a corner of the velocity
+_SHARP = 0.02  # least size of that second difference, as a share of the highest speed
+_LARGER = 1.3  # ratio of the residuals at corners to those elsewhere that excludes corners
 
 
 @dataclass(frozen=True)
-class Data:
+class FrictionData:
     """One run, ready for the regression; forces in N and speeds in m/s, or N m and rad/s.
 
-    ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
-    no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
-    ``(n,)`` [N]; ``moving`` marks the samples outside the dead band, ``kept`` those that are
-    fitted. The output is the drive divided by ``scale``.
+    Attributes
+    ----------
+    experiment, variant, motion
+        The run, its roles, and its motion.
+    known, friction
+        Part of the drive that is not friction, and the rest, which is zero where no force was
+        recorded, shape ``(n,)`` [N].
+    matched
+        The friction smoothed like the regressor, shape ``(n,)`` [N].
+    moving, kept
+        Masks of the samples outside the dead band, and of those that are fitted, shape ``(n,)``.
+    scale
+        The output is the drive divided by it.
     """
 
     experiment: Experiment
     variant: Variant
-    motion: Motion
+    motion: FilteredMotion
     known: FloatArray
     friction: FloatArray
     matched: FloatArray
@@ -65,8 +74,8 @@ class Data:
         """Step of the logged drive [N]."""
         return abs(self.scale) * self.experiment.signals[self.variant.output.name].resolution
 
-    def say(self, force: float, form: str = ".3g") -> str:
-        """A force or torque [SI] for a message, in the unit of the log where it has one."""
+    def text(self, force: float, form: str = ".3g") -> str:
+        """Format a force or torque [SI] for a message, in the unit of the log where it has one."""
         signal = self.experiment.signals.get(self.axis.drive)
         return signal.text(force, form) if signal else f"{force:{form}} {self.axis.force_unit}"
 
@@ -118,8 +127,8 @@ class Data:
         )  # fmt: skip
 
 
-def friction_model(data: Sequence[Data]) -> RegressionModel:
-    """Balance of the forces in motion over all runs; what is slow the dead band has cut away."""
+def friction_model(data: Sequence[FrictionData]) -> RegressionModel:
+    """Balance of the forces in motion over all runs; slow samples are left out already."""
     step = known = max(d.resolution for d in data)
     if not known:  # every log may keep a reading of its own
         step = common_step(np.unique(np.concatenate([d.reading for d in data])))
@@ -130,17 +139,17 @@ def friction_model(data: Sequence[Data]) -> RegressionModel:
     )
 
 
-def speeds(data: Sequence[Data]) -> FloatArray:
+def speeds(data: Sequence[FrictionData]) -> FloatArray:
     """Velocities of the samples to fit, of all runs [m/s or rad/s]."""
     return np.concatenate([d.speed for d in data])
 
 
-def count_kept(data: Sequence[Data], side: str = "") -> int:
+def count_kept(data: Sequence[FrictionData], side: str = "") -> int:
     """Number of samples to fit, of one direction or of both."""
     return sum(int((d.side(side) if side else d.kept).sum()) for d in data)
 
 
-def _choose_deadband(motions: Sequence[Motion], rises: bool) -> float:
+def _choose_deadband(motions: Sequence[FilteredMotion], rises: bool) -> float:
     """Speed below which a sample may be at rest: noise, or a share of the speed [m/s].
 
     The slowest log that moves at all sets the share, so that a fast one does not hide it. The
@@ -157,7 +166,7 @@ def _choose_deadband(motions: Sequence[Motion], rises: bool) -> float:
     return float(max(floor, share))
 
 
-def _moving(motion: Motion, deadband: float) -> BoolArray:
+def _moving(motion: FilteredMotion, deadband: float) -> BoolArray:
     """Samples that move, and whose filter window holds no rest or reversal, shape ``(n,)``.
 
     Near a rest the filter spreads motion over samples at rest. At a reversal only what lies within
@@ -178,9 +187,9 @@ def _moving(motion: Motion, deadband: float) -> BoolArray:
 
 
 def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
-    """True if samples ``begin`` to ``end`` are on the way from one direction to the other.
+    """Return whether samples ``begin`` to ``end`` pass from one direction to the other.
 
-    They are as many as a straight line through the neighbours of the dead band would need.
+    They are no more than a straight line through their neighbours would need.
     """
     if begin < 1 or end + 1 > velocity.size or velocity[begin - 1] * velocity[end] >= 0.0:
         return False
@@ -192,7 +201,7 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
 
 def prepare(
     variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
-) -> tuple[list[Data], FrictionOptions]:
+) -> tuple[list[FrictionData], FrictionOptions]:
     """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
     motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
@@ -203,8 +212,10 @@ def prepare(
     return [_prepare(variant, e, m, options) for e, m in zip(experiments, motions)], options
 
 
-def _prepare(variant: Variant, e: Experiment, motion: Motion, options: FrictionOptions) -> Data:
-    """Split what drives a run; where pressures move a measured load, with the other sign."""
+def _prepare(
+    variant: Variant, e: Experiment, motion: FilteredMotion, options: FrictionOptions
+) -> FrictionData:
+    """Split the drive of a run; its sign is reversed where pressures move a measured load."""
     sign = -1.0 if options.pressures == "drive" else 1.0
     first, second = (
         area * e.sampled(role) if area is not None and role in e else np.zeros(e.samples)
@@ -229,10 +240,12 @@ def _prepare(variant: Variant, e: Experiment, motion: Motion, options: FrictionO
     slow = 0.0 if motion.exact else options.deadband or 0.0
     moving = np.abs(motion.velocity) > slow
     kept = _moving(motion, slow) & described(motion, options)
-    return Data(e, variant, motion, known + inertia, rest - inertia, matched, moving, kept, scale)
+    return FrictionData(
+        e, variant, motion, known + inertia, rest - inertia, matched, moving, kept, scale
+    )
 
 
-def described(motion: Motion, options: FrictionOptions) -> BoolArray:
+def described(motion: FilteredMotion, options: FrictionOptions) -> BoolArray:
     """Samples within the accelerations and turns that a fit has settled, shape ``(n,)``."""
     v, acceleration = motion.velocity, motion.acceleration
     near = np.ones(v.size, dtype=bool)
@@ -244,7 +257,7 @@ def described(motion: Motion, options: FrictionOptions) -> BoolArray:
     return near
 
 
-def narrow(data: Sequence[Data], options: FrictionOptions) -> list[Data]:
+def narrow(data: Sequence[FrictionData], options: FrictionOptions) -> list[FrictionData]:
     """Keep the samples that the options describe."""
     return [replace(d, kept=d.kept & described(d.motion, options)) for d in data]
 
@@ -261,12 +274,11 @@ def _is_steady(velocity: FloatArray) -> bool:
 
 
 def leave_out_accelerations(
-    data: list[Data], options: FrictionOptions
-) -> tuple[list[Data], FrictionOptions, list[Notice]]:
-    """Leave out samples in which an unknown mass would show, and settle which these are.
+    data: list[FrictionData], options: FrictionOptions
+) -> tuple[list[FrictionData], FrictionOptions, list[Notice]]:
+    """Leave out samples in which an unknown mass would show, and settle the limit.
 
-    The mass is estimated along with friction, only to see where its force exceeds a share
-    of the friction.
+    The mass is estimated along with friction, only to see where its force exceeds a share of it.
     """
     slopes = [a for d in data if (a := d.motion.acceleration) is not None]
     if options.moved is not None or options.is_settled or len(slopes) < len(data):
@@ -293,11 +305,11 @@ def leave_out_accelerations(
 
 
 def leave_out_turns(
-    data: list[Data], options: FrictionOptions
-) -> tuple[list[Data], FrictionOptions]:
-    """Leave out samples about corners of the velocity that lie between two readings.
+    data: list[FrictionData], options: FrictionOptions
+) -> tuple[list[FrictionData], FrictionOptions]:
+    """Leave out samples near corners of the velocity between two readings, and settle the limit.
 
-    They are left out where the force is clearly further off there than elsewhere.
+    This is done where the residuals are clearly larger there than elsewhere.
     """
     settled = options.stribeck == "estimate" or options.is_settled
     if settled or not all(d.experiment.time.size for d in data):
@@ -339,7 +351,7 @@ def simulate_force(
     return out
 
 
-def _find_offsets(data: Sequence[Data], law: FrictionLaw, always: bool) -> dict[int, float]:
+def _find_offsets(data: Sequence[FrictionData], law: FrictionLaw, always: bool) -> dict[int, float]:
     """Force offset of every log with motion [N]; see :func:`offset_groups`.
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
@@ -355,24 +367,24 @@ def _find_offsets(data: Sequence[Data], law: FrictionLaw, always: bool) -> dict[
     return out
 
 
-def group_by_log(data: Sequence[Data]) -> list[list[Data]]:
+def group_by_log(data: Sequence[FrictionData]) -> list[list[FrictionData]]:
     """Runs by log."""
     numbers = dict.fromkeys(d.experiment.log for d in data)
     return [[d for d in data if d.experiment.log == k] for k in numbers]
 
 
-def offset_groups(data: Sequence[Data]) -> list[list[Data]]:
+def offset_groups(data: Sequence[FrictionData]) -> list[list[FrictionData]]:
     """Runs that share an offset: those of a log where each shows both directions, else all."""
     logs = group_by_log(data)
     return logs if all(map(both_ways, logs)) else [list(data)]
 
 
-def both_ways(runs: Sequence[Data]) -> bool:
+def both_ways(runs: Sequence[FrictionData]) -> bool:
     """Return whether there is motion in both directions."""
     return all(any(d.side(s).any() for d in runs) for s in SIDES)
 
 
-def sides_moved(data: Sequence[Data]) -> list[str]:
+def sides_moved(data: Sequence[FrictionData]) -> list[str]:
     """Directions with enough moving samples to average; refused where there is none."""
     counts = {s: count_kept(data, s) for s in SIDES}
     moved = [s for s in SIDES if counts[s] >= max(5.0, 0.005 * sum(counts.values()))]
@@ -389,21 +401,21 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
     return moved
 
 
-def check_measured(data: Sequence[Data]) -> None:
-    """Refuse a force that has one and the same value in all moving samples."""
+def check_measured(data: Sequence[FrictionData]) -> None:
+    """Refuse a force that has the same value in all moving samples."""
     force, axis = np.concatenate([d.friction[d.kept] for d in data]), data[0].axis
     if float(np.ptp(force)) <= 1e-12 * float(np.abs(force).max()):
         raise LogError(
-            f"the {axis.drive} is {data[0].say(force[0], 'g')} in all {force.size} moving samples: "
-            "no sensor does that",
+            f"the {axis.drive} is {data[0].text(force[0], 'g')} in all {force.size} moving "
+            "samples: no sensor does that",
             where=", ".join(d.experiment.name for d in data),
             expected=f"A measured {axis.drive}, with strokes in both directions.",
             remedy=f"Check --column of the {axis.drive} and the {axis.sensor}.",
         )
 
 
-def half_range(data: Sequence[Data]) -> float:
-    """Half the difference of the mean forces of both directions, or the only one; size [N]."""
+def half_range(data: Sequence[FrictionData]) -> float:
+    """Half the difference of the mean forces of both directions, or the only mean force [N]."""
     force = np.concatenate([d.matched[d.kept] for d in data])
     forward = np.concatenate([d.side("positive") for d in data])
     if forward.all() or not forward.any():

@@ -1,4 +1,4 @@
-"""Samples that are fitted: gathered, freed of clipped readings, checked, scaled, merged."""
+"""Samples to fit: gathered, without clipped readings, checked, scaled and merged."""
 
 from __future__ import annotations
 
@@ -27,17 +27,27 @@ from .calibration import rising_share
 from .options import PotentiometerOptions
 
 FINE = 4096  # rows that searches work on
-_NEAR = 21  # readings beside an extreme one
-_SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
+_NEAR = 21  # distinct readings next to an extreme one that it is compared with
+_SURE = 0.995  # confidence that an extreme reading is off the course of its neighbours
 
 
 @dataclass(frozen=True)
-class Data:
-    """All logs in one row of samples; ``parts`` are the logs, ``used`` what is fitted.
+class CalibrationData:
+    """Samples of all logs, one after the other.
 
-    ``in_order`` says that one sample follows the other in time: they have a time, or the
-    reading moves both ways. A table may have been sorted. ``unit`` is that of the reading,
-    ``output`` the reference of the first log.
+    Attributes
+    ----------
+    reading, reference
+        Shape ``(n,)`` each [SI].
+    parts
+        Rows of every log.
+    used
+        Mask of the samples that are fitted, shape ``(n,)``.
+    in_order
+        Whether samples follow one another in time: they have a time, or the reading moves in both
+        directions. A table may have been sorted.
+    unit, output
+        Unit of the reading, and reference of the first log.
     """
 
     reading: FloatArray
@@ -64,7 +74,7 @@ class Data:
         return self.kept(joined(shares))
 
 
-def gather(experiments: Sequence[Experiment]) -> Data:
+def gather(experiments: Sequence[Experiment]) -> CalibrationData:
     """All samples of all logs, in order."""
     readings = [e["reading"] for e in experiments]
     reading, reference = joined(readings), joined([e["reference"] for e in experiments])
@@ -77,10 +87,10 @@ def gather(experiments: Sequence[Experiment]) -> Data:
     in_order = both_ways or all(e.time.size > 0 for e in experiments)
     first = experiments[0].signals
     unit = first["reading"].unit
-    return Data(reading, reference, parts, used, in_order, unit, first["reference"])
+    return CalibrationData(reading, reference, parts, used, in_order, unit, first["reference"])
 
 
-def check_data(data: Data) -> None:
+def check_data(data: CalibrationData) -> None:
     """Refuse data that cannot determine any curve."""
     if not data.used.any():
         raise LogError(
@@ -104,7 +114,7 @@ def check_data(data: Data) -> None:
 
 def prepare(
     experiments: Sequence[Experiment], options: PotentiometerOptions
-) -> tuple[Data, PotentiometerOptions, list[Notice]]:
+) -> tuple[CalibrationData, PotentiometerOptions, list[Notice]]:
     """All samples and which of them can be used; the options with the rails settled."""
     data = gather(experiments)
     check_data(data)
@@ -128,12 +138,12 @@ def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray
 
 
 def _settle_rails(
-    data: Data, given: tuple[float, float] | None
+    data: CalibrationData, given: tuple[float, float] | None
 ) -> tuple[tuple[float, float] | None, list[Notice]]:
-    """Rails that are given, or found at the extreme readings; ``None`` where both are sound.
+    """Return given rails, or those found at the extreme readings; ``None`` where none clips.
 
-    Beside a rail that clips, readings within three standard deviations of their noise are left out
-    as well: those whose noise happened to point inwards would bend the ends of the curve.
+    Readings within three standard deviations of their noise from a clipping rail are left out as
+    well: those whose noise happened to point inwards would bend the ends of the curve.
     """
     x, y = data.kept(data.reading), data.kept(data.reference)
     low, high = float(x.min()), float(x.max())
@@ -161,9 +171,9 @@ def _settle_rails(
 def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
     """Number of samples clipped at an extreme reading, and the code of the notice.
 
-    Three or more whose references spread three times wider than those of the readings beside it
-    (their scatter about a straight line, and the slope of that line over one step of the
-    converter) are; so is a lone one off the course of its neighbours.
+    Three or more samples are clipped if their references spread three times wider than those of the
+    neighbouring readings do: by their scatter about a straight line, plus its slope over one step
+    of the converter. A single sample is if it is off the course of its neighbours.
     """
     distinct = np.unique(x[:: max(x.size // 200_000, 1)])
     if distinct.size < 6:
@@ -185,9 +195,9 @@ def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
-    """Return whether an extreme at the origin is not where the next readings lead.
+    """Return whether an extreme at the origin does not continue its neighbours ``x``, ``y``.
 
-    Neither by line nor by parabola, and by a step out of proportion.
+    Neither a line nor a parabola leads there, and the step to it is out of proportion.
     """
     if x.size < 7:
         return False
@@ -237,11 +247,18 @@ def _rails_notice(kind: str, count: int, rail: float, inside: float, every: str)
 
 
 @dataclass(frozen=True)
-class Scaled:
+class ScaledSamples:
     """Used samples scaled to order one: place and share of the rising branch, and position.
 
-    ``rows`` are all of them, in the order of the logs; of long logs they are made where they are
-    asked for. ``few`` are those that share a reading, or a narrow bin, in one.
+    Attributes
+    ----------
+    rows, few
+        All samples in the order of the logs, and the same with those of one reading, or of one
+        narrow bin, merged.
+    low, span, base, stroke
+        Lowest value and range of the reading, and of the reference [SI].
+    output
+        Reference of the first log.
     """
 
     rows: MapRows
@@ -259,7 +276,7 @@ class Scaled:
 
     @property
     def positions(self) -> int:
-        """At how many positions they were; in a sweep at as many as there are."""
+        """Number of positions of readings; in a sweep that of distinct readings."""
         return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
 
     def words(self, scaled: float) -> str:
@@ -267,7 +284,7 @@ class Scaled:
         return self.output.text(scaled * self.stroke)
 
 
-def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
+def scale_samples(data: CalibrationData, dead_band: float | None = None) -> ScaledSamples:
     """Scale the used samples; without a dead band between branches there is one curve."""
     x, y = data.kept(data.reading), data.kept(data.reference)
     (low, high), (base, top) = ((float(v.min()), float(v.max())) for v in (x, y))
@@ -275,7 +292,7 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     share = np.broadcast_to(1.0, x.shape) if dead_band is None else data.rising(dead_band)
     table, level = np.column_stack(((x - low) / span, share)), (y - base) / stroke
     rows = MapRows(table, level, np.broadcast_to(1.0, x.shape))
-    return Scaled(rows, low, span, base, stroke, _merged(rows), data.output)
+    return ScaledSamples(rows, low, span, base, stroke, _merged(rows), data.output)
 
 
 def _merged(rows: MapRows) -> MapRows:

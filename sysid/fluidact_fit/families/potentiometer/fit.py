@@ -1,4 +1,4 @@
-"""Choice of the curve: dead band, degree, turning back, weights that the data determine."""
+"""Choice of the curve: dead band, degree, monotonicity, weights that the data determine."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ...experiment import BoolArray, FloatArray, all_of, where_finite
 from ...family import Request
 from ...units import after_number
 from .calibration import rising_share
-from .data import Data, Scaled, scale_samples
+from .data import CalibrationData, ScaledSamples, scale_samples
 from .options import PotentiometerOptions
 from .rational_bezier import (
     LOG_WEIGHT_LIMIT,
@@ -45,7 +45,7 @@ from .rational_bezier import (
 )
 
 MOST = 5  # highest degree of an automatic choice
-MATTERS = 2e-3  # part of the stroke that is worth saying
+MATTERS = 2e-3  # share of the stroke that is worth a warning
 _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both branches
 
 
@@ -67,7 +67,9 @@ class CurveFit:
         return model_of(self.fit)
 
 
-def fit_curve(data: Data, scaled: Scaled, request: Request[PotentiometerOptions]) -> CurveFit:
+def fit_curve(
+    data: CalibrationData, scaled: ScaledSamples, request: Request[PotentiometerOptions]
+) -> CurveFit:
     """Choose and fit a curve to the samples."""
     options = request.options
     branches = 2 if options.branches == "two" else 1
@@ -94,7 +96,7 @@ def fit_curve(data: Data, scaled: Scaled, request: Request[PotentiometerOptions]
 # ------------------------------------------------------------------------------ the search
 
 
-def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
+def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]) -> float:
     """Dead band that describes the data best [unit of the reading].
 
     Mean and difference of the branches are taken to be polynomials of the pooled curve. That of the
@@ -134,14 +136,14 @@ def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
     return float(finest * 2.0**refined.x)
 
 
-def _highest_degree(scaled: Scaled, branches: int) -> int:
+def _highest_degree(scaled: ScaledSamples, branches: int) -> int:
     """Highest degree that automatic choice tries: three positions are left over at least."""
     least = min(scaled.positions, scaled.rows.y.size / branches)
     return int(np.clip((least - 4) // 2, 1, MOST))
 
 
 def _search_degree(
-    rows: MapRows, scaled: Scaled, branches: int, request: Request[PotentiometerOptions]
+    rows: MapRows, scaled: ScaledSamples, branches: int, request: Request[PotentiometerOptions]
 ) -> tuple[MapFit, list[tuple[int, float]]]:
     """Fit all degrees up to the one wanted; without one, choose by cross-validation.
 
@@ -168,7 +170,7 @@ def _search_degree(
     return fit, [(k, float(s.mean())) for k, s in enumerate(scores, start=1)]
 
 
-def _folds(scaled: Scaled) -> Index:
+def _folds(scaled: ScaledSamples) -> Index:
     """Folds of positions, or of stretches of the curve; the outermost are always fitted."""
     t = scaled.few.x[:, 0]
     if scaled.edges is not None:
@@ -190,7 +192,7 @@ def _score(rows: MapRows, fit: MapFit, folds: Index) -> FloatArray:
     return fold_squares(cross_validate(folds, predict), folds, rows.count)
 
 
-def _mean_ends(scaled: Scaled) -> tuple[FloatArray, FloatArray]:
+def _mean_ends(scaled: ScaledSamples) -> tuple[FloatArray, FloatArray]:
     """Mean reference of the extreme readings, and how many samples each has."""
     t, y = np.asarray(scaled.rows.x)[:, 0], np.asarray(scaled.rows.y)
     at = [t == 0.0, t == 1.0]
@@ -203,7 +205,7 @@ def _pinned(rows: MapRows, ends: FloatArray) -> MapRows:
     return MapRows(np.vstack((rows.x, _ENDS)), np.append(rows.y, np.tile(ends, 2)), weight)
 
 
-def _check_enough(scaled: Scaled, model: BezierModel) -> None:
+def _check_enough(scaled: ScaledSamples, model: BezierModel) -> None:
     """Refuse a curve with more unknowns than the samples can determine."""
     samples, distinct = scaled.rows.y.size, int(np.unique(scaled.few.x[:, 0]).size)
     needed = model.unknowns // model.branches
@@ -224,9 +226,9 @@ def is_rising_or_falling(fit: MapFit) -> bool:
 
 
 def _keep_monotone(
-    rows: MapRows, scaled: Scaled, fit: MapFit, wanted: bool | None
+    rows: MapRows, scaled: ScaledSamples, fit: MapFit, wanted: bool | None
 ) -> tuple[MapFit, list[Notice]]:
-    """Keep the curve from turning back unless the data contradict that, and say what it costs."""
+    """Make the curve monotone unless the data contradict that, and report the loss of fit."""
     if wanted is False or is_rising_or_falling(fit):
         return fit, []
     line = np.polynomial.Polynomial.fit(rows.x[:, 0], rows.y, 1).convert()
@@ -252,8 +254,8 @@ def _keep_monotone(
     return fit, [Notice("not-monotone", text)]
 
 
-def _tail(scaled: Scaled, restricted: MapFit, fit: MapFit) -> float:
-    """Probability that a restricted curve misses so much more by chance."""
+def _tail(scaled: ScaledSamples, restricted: MapFit, fit: MapFit) -> float:
+    """p-value of the loss of fit of a restricted curve."""
     model = model_of(fit)
     return excess_tail(
         scaled.rows.squares(restricted), scaled.rows.squares(fit), model.degree * model.branches,
@@ -262,11 +264,11 @@ def _tail(scaled: Scaled, restricted: MapFit, fit: MapFit) -> float:
 
 
 def _drop_weights(
-    rows: MapRows, scaled: Scaled, fit: MapFit, spread: Uncertainty
+    rows: MapRows, scaled: ScaledSamples, fit: MapFit, spread: Uncertainty
 ) -> tuple[MapFit, list[Notice]]:
-    """Replace weights that the data say nothing about by ones.
+    """Replace weights that the data do not determine by ones.
 
-    Every straight line, for one, is a curve of degree two with any of a family of weights.
+    A straight line, for example, is a curve of degree two with any of a family of weights.
     """
     model = model_of(fit)
     widest = std_errors(spread, model.degree)[:, 1].max()
@@ -308,9 +310,18 @@ def expansion_of(fit: MapFit) -> FloatArray:
 
 
 def _spread(
-    data: Data, scaled: Scaled, fit: MapFit, ends: tuple[FloatArray, FloatArray] | None
+    data: CalibrationData,
+    scaled: ScaledSamples,
+    fit: MapFit,
+    ends: tuple[FloatArray, FloatArray] | None,
 ) -> tuple[Misfit | None, Uncertainty]:
-    """Covariance of control points and log weights; refuses what the data do not determine."""
+    """Lack of fit, and covariance of control points and log weights.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the data do not determine some control points.
+    """
     rows, edges = scaled.rows, scaled.edges
     rest, columns, gain = rows.residual(fit), rows.slopes(fit), np.eye(int(fit.free.sum()))
     if ends is not None:
@@ -343,10 +354,10 @@ def _with_measured_ends(
     return columns, np.asarray(np.linalg.solve(normal, columns.T @ columns))
 
 
-# ------------------------------------------------------------------------- what is said of it
+# ------------------------------------------------------------------------- warnings
 
 
-def _few_positions_notice(scaled: Scaled, fit: MapFit, chosen: bool) -> Iterator[Notice]:
+def _few_positions_notice(scaled: ScaledSamples, fit: MapFit, chosen: bool) -> Iterator[Notice]:
     """Warn of a gap, or of positions that allow no curve that bends more often than this one."""
     model = model_of(fit)
     if gap := widest_gap(scaled.few.x[:, 0]):
@@ -388,7 +399,7 @@ def _bound_notice(fit: MapFit) -> Iterator[Notice]:
     )
 
 
-def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> Iterator[Notice]:
+def _misfit_notice(misfit: Misfit | None, scaled: ScaledSamples, unit: str) -> Iterator[Notice]:
     """Say by how much a curve misses positions; warn where their readings scatter by less."""
     if misfit is None or not misfit.is_sure:
         return
@@ -416,7 +427,9 @@ def _misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> Iterator
     )
 
 
-def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> Iterator[Notice]:
+def _direction_notice(
+    fit: MapFit, scaled: ScaledSamples, data: CalibrationData
+) -> Iterator[Notice]:
     """Warn of one curve for two directions that differ by more than their scatter."""
     if model_of(fit).branches > 1:
         return
@@ -432,7 +445,7 @@ def _direction_notice(fit: MapFit, scaled: Scaled, data: Data) -> Iterator[Notic
             "one-direction",
             "the reading moves in one direction only: whether it depends on the direction, by "
             "play in the coupling or a delay between the two signals, cannot be seen, and the "
-            "curve holds for this direction. Record strokes to and fro.",
+            "curve holds for this direction. Record strokes in both directions.",
         )
         return
     # of the reading before: one that is too high by chance both looks like rising and lies

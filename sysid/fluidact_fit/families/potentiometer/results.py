@@ -11,13 +11,13 @@ from ...estimation.uncertainty import model_of_residuals, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from .calibration import SECOND
-from .data import Scaled
+from .data import ScaledSamples
 from .fit import CurveFit, is_rising_or_falling, std_errors
 from .rational_bezier import LOG_WEIGHT_LIMIT, curves_of, rational_bezier
 
 
 def curve_quantities(
-    found: CurveFit, scaled: Scaled
+    found: CurveFit, scaled: ScaledSamples
 ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
     """Parameters of all branches, names and covariance of those estimated.
 
@@ -55,7 +55,7 @@ def curve_quantities(
     return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)]
 
 
-def derived_quantities(found: CurveFit, scaled: Scaled) -> dict[str, Quantity]:
+def derived_quantities(found: CurveFit, scaled: ScaledSamples) -> dict[str, Quantity]:
     """Stroke between the extreme readings, and the width of the hysteresis."""
     n, curves = found.model.degree, curves_of(found.fit)
     c = found.spread.covariance
@@ -81,7 +81,7 @@ def sizes_of(curves: Sequence[tuple[FloatArray, FloatArray]]) -> dict[str, float
     return out
 
 
-def fit_details(found: CurveFit, scaled: Scaled) -> dict[str, Any]:
+def fit_details(found: CurveFit, scaled: ScaledSamples) -> dict[str, Any]:
     """Degree, starts and residuals for the file."""
     fit, spread = found.fit, found.spread
     details: dict[str, Any] = {

@@ -40,7 +40,7 @@ from ...family import (
 from .block import SpringCylinderBlock
 from .data import Run, input_noise, prepare, speeds
 from .equation import GAINS, LEVELS, SpringLaw
-from .fit import Fit, fit_cylinder, settle_levels
+from .fit import SpringFit, fit_cylinder, settle_levels
 from .options import SpringOptions
 
 
@@ -143,7 +143,7 @@ class SpringCylinder(Family[SpringOptions]):
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
             simulate_near=_Nearby(runs, settled), derived=derived,
-            notices=[*fit.notices, *_remarks(fit, runs, variant)], covered=_covered(runs),
+            notices=[*fit.notices, *_notices(fit, runs, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
 
@@ -276,7 +276,7 @@ _EQUAL = (
 )
 
 
-def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
+def _details(fit: SpringFit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     """Details of the method, for the file; with the error of each branch."""
     found, order = fit.found, fit.found.uncertainty.order
     residual = np.concatenate(found.residuals)
@@ -301,7 +301,7 @@ def _details(fit: Fit, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     }
 
 
-def _remarks(fit: Fit, runs: Sequence[Run], variant: Variant) -> Iterator[Notice]:
+def _notices(fit: SpringFit, runs: Sequence[Run], variant: Variant) -> Iterator[Notice]:
     """Samples without weight, and what the levels are of where no pressure was recorded."""
     found, solved = fit.found, fit.solved
     width = sum(abs(solved.values[n]) for n in LEVELS) + 2.0 * solved.values.get("stribeck", 0.0)

@@ -22,11 +22,13 @@ from .data import EQUAL, Run, spring_model
 from .equation import GAINS, LEVELS
 from .options import SpringOptions
 
-_SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond which it is useless
+_MAX_HALF_WIDTH = (
+    2.0  # half-width of an interval, relative to the value, beyond which it is useless
+)
 
 
 @dataclass(frozen=True)
-class Fit:
+class SpringFit:
     """A finished fit: the regression in its own unknowns, the same by parameters, and warnings."""
 
     found: Regression
@@ -53,7 +55,9 @@ def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringO
     return options
 
 
-def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringOptions]) -> Fit:
+def fit_cylinder(
+    variant: Variant, runs: Sequence[Run], request: Request[SpringOptions]
+) -> SpringFit:
     """Solve, and solve again without what turns out to be undetermined or impossible.
 
     Raises
@@ -90,7 +94,7 @@ def fit_cylinder(variant: Variant, runs: Sequence[Run], request: Request[SpringO
     bounded = replace(found.free, values=found.values)
     solved = replace(bounded.renamed(source), fixed=fixed, refused=end.refused)
     held = {n: v for n, v in found.free.values.items() if n not in found.free.names}
-    return Fit(found, solved, [*end.notices, *estimator(held).other_shape()])
+    return SpringFit(found, solved, [*end.notices, *estimator(held).other_shape()])
 
 
 def _out_of_reach(
@@ -137,7 +141,7 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
                 "shorter spring.",
                 remedy=f"Check the sign of {' and '.join(roles)}: {options} reverses it.",
             )
-        elif value <= 0.0 or half > _SENSIBLE * abs(value):
+        elif value <= 0.0 or half > _MAX_HALF_WIDTH * abs(value):
             unit = specs[LEVELS[0] if name == EQUAL else name].unit
             reason = f"its 95 % interval would be {value:.3g} ± {half:.2g} {unit}."
             if value + half < 0.0:

@@ -29,7 +29,7 @@ class Instrument:
 
 
 @dataclass(frozen=True)
-class Motion:
+class RodMotion:
     """Velocity [m/s], where it can be relied upon, and its noise per noise of the position [1/s].
 
     Arrays of shape ``(n,)``.
@@ -40,20 +40,20 @@ class Motion:
     gain: float = 0.0
 
 
-def find_motion(e: Experiment, position: FloatArray) -> Motion:
+def find_motion(e: Experiment, position: FloatArray) -> RodMotion:
     """Velocity, its own or from position; zero without time."""
     everywhere = np.ones(position.size, dtype=bool)
     if "velocity" in e:
-        return Motion(e.sampled("velocity"), everywhere)
+        return RodMotion(e.sampled("velocity"), everywhere)
     if e.time.size < 12 or e["position"].size < position.size:
-        return Motion(np.zeros(position.size), everywhere)
+        return RodMotion(np.zeros(position.size), everywhere)
     if e.uniform:
         return differentiate(position, e.sample_time)
     rate = np.asarray(np.gradient(position, e.time))
-    return Motion(rate, everywhere, 1.0 / (np.sqrt(2.0) * e.sample_time))
+    return RodMotion(rate, everywhere, 1.0 / (np.sqrt(2.0) * e.sample_time))
 
 
-def differentiate(position: FloatArray, sample_time: float) -> Motion:
+def differentiate(position: FloatArray, sample_time: float) -> RodMotion:
     """Velocity of evenly sampled positions, by the longest window that does not flatten it.
 
     A window of ``2 h + 1`` samples lets through less noise the longer it is, and flattens what
@@ -73,17 +73,17 @@ def differentiate(position: FloatArray, sample_time: float) -> Motion:
     return shortest
 
 
-def _smoothed(position: FloatArray, sample_time: float, half: int) -> Motion:
+def _smoothed(position: FloatArray, sample_time: float, half: int) -> RodMotion:
     """Velocity by a window of ``2 half + 1`` samples."""
     found = smooth(position, sample_time, half, _DEGREE)
     unit = np.zeros(4 * half + 1)
     unit[2 * half] = 1.0
     gain = float(np.linalg.norm(smooth(unit, sample_time, half, _DEGREE).rate))
-    return Motion(found.rate, found.inside, gain)
+    return RodMotion(found.rate, found.inside, gain)
 
 
 def find_instruments(
-    e: Experiment, drive: FloatArray, position: FloatArray, motion: Motion
+    e: Experiment, drive: FloatArray, position: FloatArray, motion: RodMotion
 ) -> dict[str, Instrument]:
     """Instruments of the columns of a run, by ``Run``'s names; of exact ones there are none."""
     if not e.time.size:
