@@ -261,15 +261,15 @@ class Family(ABC, Generic[OptionsT]):
         """Return how the next experiment can be designed from a file of this family."""
         return self.next_experiment
 
-    def suppose(
+    def prior_guess(
         self, name: str, plant: Plant[OptionsT], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
-        """Plausible value of a parameter that was not identified, to design an experiment for.
+        """Plausible value of a parameter that was not identified, to design an experiment with.
 
         Parameters
         ----------
         name, plant
-            The parameter, and the model of the file with what was supposed before.
+            The parameter, and the model of the file with earlier guesses.
         amplitude
             Lowest and highest value of the driving role [SI].
         sample_time

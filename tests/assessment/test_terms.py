@@ -11,7 +11,7 @@ from scipy import stats
 
 import fluidact_fit as ff
 from fluidact_fit.assessment.optimum import Optimum, Series
-from fluidact_fit.assessment.score_test import Score, as_normal, judge_term
+from fluidact_fit.assessment.score_test import TermScore, as_normal, judge_term
 from fluidact_fit.assessment.terms import terms_at_any_time
 from fluidact_fit.estimation.unmodelled_effects import initial_states, output_offset
 from fluidact_fit.experiment import Experiment, Signal
@@ -28,7 +28,7 @@ class _Straight(Optimum):
         return 1.0
 
 
-def judge(effect: UnmodelledEffect, missed: list[np.ndarray]) -> Score:
+def judge(effect: UnmodelledEffect, missed: list[np.ndarray]) -> TermScore:
     """The score of an effect where the model of a gain misses some runs so."""
     rng = np.random.default_rng(4)
     series, residuals, jacobians = [], [], []
@@ -58,7 +58,7 @@ def judge(effect: UnmodelledEffect, missed: list[np.ndarray]) -> Score:
     )  # fmt: skip
     term = next(t for t in terms_at_any_time(at) if t.name == effect.name)
     score = judge_term(at, term)
-    assert isinstance(score, Score)
+    assert isinstance(score, TermScore)
     return score
 
 

@@ -38,7 +38,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         ((whole, t) for t in terms_over_time(whole)), ((part, t) for t in terms_at_any_time(part))
     )
     judged = [judge_term(where, t) for where, t in terms]
-    scores = [s for s in judged if isinstance(s, Score)]
+    scores = [s for s in judged if isinstance(s, TermScore)]
     table = {s.term.name: s.entry for s in scores}
     significant = [s for s in scores if s.significant]
     if not significant:
@@ -50,7 +50,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 
 @dataclass(frozen=True)
-class Score:
+class TermScore:
     """Effect of adding a term.
 
     Attributes
@@ -122,7 +122,7 @@ class Unjudged(Enum):
     REPRESENTED = "the parameters can stand for it"
 
 
-def judge_term(at: Optimum, term: Term) -> Score | Unjudged:
+def judge_term(at: Optimum, term: Term) -> TermScore | Unjudged:
     """Estimate size and significance of a term."""
     found = at.regress(term.columns, term.instruments)
     if found is None:
@@ -135,7 +135,7 @@ def judge_term(at: Optimum, term: Term) -> Score | Unjudged:
 
 def _score(
     at: Optimum, term: Term, shifts: FloatArray, size: float, error: float, degrees: int
-) -> Score:
+) -> TermScore:
     """Score of a term of that size, standard error and shifts of the parameters, ``(p,)``."""
     if term.changed_parameter:
         shifts = shifts + 0.5 * size * np.equal(at.names, term.changed_parameter)
@@ -147,7 +147,7 @@ def _score(
     deviations = as_normal(size / max(error, 1e-300), term.directions, degrees)
     shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
-    return Score(
+    return TermScore(
         kept, size, deviations, at.names[worst], float(shifts[worst]), float(errors[worst]),
         float(shares.max()),
     )  # fmt: skip
@@ -188,7 +188,7 @@ def as_normal(deviations: float, directions: int, degrees: int) -> float:
     return float(np.copysign(max(size, 0.0), deviations))
 
 
-def _allowing_for_converter(at: Optimum, term: Term, plain: Score, degrees: int) -> Score:
+def _allowing_for_converter(at: Optimum, term: Term, plain: TermScore, degrees: int) -> TermScore:
     """The score from rows as they are, with the errors of a coarse converter not taken for noise.
 
     This takes longer and is done only for significant terms, of which it may clear some. For the
@@ -211,7 +211,7 @@ def _allowing_for_converter(at: Optimum, term: Term, plain: Score, degrees: int)
     return min(plain, other, key=lambda s: abs(s.deviations))
 
 
-def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> Iterator[Notice]:
+def _unexamined(at: Optimum, judged: Sequence[TermScore | Unjudged]) -> Iterator[Notice]:
     """Warn if noise of an input hides nearly everything that the model may lack."""
     inputs = at.solution.noise.inputs
     hidden = judged.count(Unjudged.HIDDEN)
@@ -229,7 +229,7 @@ def _unexamined(at: Optimum, judged: Sequence[Score | Unjudged]) -> Iterator[Not
     )
 
 
-def _notice(at: Optimum, s: Score) -> Notice:
+def _notice(at: Optimum, s: TermScore) -> Notice:
     value, spec = at.number(s.parameter), at.variant.parameter(base_name(s.parameter))
     if not s.moves:
         text = (
@@ -246,7 +246,7 @@ def _notice(at: Optimum, s: Score) -> Notice:
     return _missing(s, f"{s.parameter} {moved}.")
 
 
-def _missing(s: Score, consequence: str) -> Notice:
+def _missing(s: TermScore, consequence: str) -> Notice:
     return Notice(
         "unmodelled-response",
         f"something is missing from the model: the data fit better if {s.term.words(s.size)} "

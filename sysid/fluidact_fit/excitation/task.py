@@ -140,7 +140,7 @@ class Task:
             if entry.status != "not_identified" or isinstance(entry.value, list):
                 continue
             plant = replace(plant, values={**plant.values, **found})
-            value = self.family.suppose(name, plant, limits.amplitude, limits.sample_time)
+            value = self.family.prior_guess(name, plant, limits.amplitude, limits.sample_time)
             if value is not None:
                 found[name] = value
         return found

@@ -183,7 +183,7 @@ class BallScrew(Family[BallScrewOptions]):
         values = plant.numbers
         return [fall_of(axis_of(plant.variant), values)] if values.get(SPEED) else []
 
-    def suppose(
+    def prior_guess(
         self,
         name: str,
         plant: Plant[BallScrewOptions],

@@ -239,7 +239,7 @@ class CylinderFriction(Family[FrictionOptions]):
             options=options,
         )
 
-    def suppose(
+    def prior_guess(
         self,
         name: str,
         plant: Plant[FrictionOptions],

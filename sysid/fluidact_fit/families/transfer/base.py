@@ -169,7 +169,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         local = model.columns(0, plant.numbers).local
         return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
 
-    def suppose(
+    def prior_guess(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """A dead zone of a fifth of the range, a dead time of one and a half samples."""
