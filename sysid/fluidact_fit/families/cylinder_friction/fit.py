@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_form
-from ...estimation.regression import Estimator, Regression, shared_limits
+from ...estimation.regression import Estimator, Regression, RegressionModel, shared_limits
 from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
@@ -104,75 +105,129 @@ def fit_friction(
     UsageError, NotIdentifiedError
         Where nothing is left to estimate, or an offset that was asked for cannot be.
     """
-    options, fixed, moved, axis = request.options, request.fixed, sides_moved(data), data[0].axis
+    options, fixed, moved = request.options, request.fixed, sides_moved(data)
     check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
-    asked = options.offset == "estimate" or options.force_offset is True
-    if not asked and not fixed:
+    solver = _Solver.of(variant, data, request, _speed_ranges(data, moved))
+    if not solver.offset_asked and not fixed:
         _check_signs(data, moved)
-    ranges = _speed_ranges(data, moved)
-    specs = {p.name: p for p in variant.parameters}
-    rising = free_names(options.stribeck == "estimate", fixed)
-    refusals = [r for s in SIDES if s not in moved for r in _refuse_side(s, options, ranges, axis)]
-    known = {*fixed, *(r.parameter for r in refusals)}
-    alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges))]
-    refusals += [_too_alike(n, ranges, axis) for n in alike]
-    if alike and _one_speed(ranges):
-        refusals += [Refusal(n, f"{_describe_speeds(ranges, axis)}.") for n in rising]
-    limits = {n: request.bounds.get(n, (p.minimum, p.maximum)) for n, p in specs.items()}
-    model = friction_model(data)
+    refusals = solver.refuse_beforehand(moved)
+    end = determine(solver.solve, solver.undetermined, solver.specs, fixed=fixed, refusals=refusals)
+    found, unknowns = end.solution, end.solution.free.names
+    options = replace(options, force_offset=_MEAN in unknowns)
+    written = [n for n in solver.specs if n in LEVELS or n in found.values]
+    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
+    source |= {n: n for n in unknowns if n.startswith("offset")}
+    solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
+    held = {n: v for n, v in found.free.values.items() if n not in unknowns}
+    notices = [*end.notices, *Estimator(solver.model, unknowns, held).other_shape()]
+    return FrictionFit(data, options, found, solved.renamed(source), solver.ranges, notices)
 
-    def attempt(held: Mapping[str, float], *others: str) -> Regression:
-        names = [n for n in (*others, *options.rates, *rising) if n not in held]
+
+@dataclass(frozen=True)
+class _Solver:
+    """Regression of the friction of some runs, as often as parameters are refused.
+
+    Attributes
+    ----------
+    data, model
+        Runs, and the balance of their forces.
+    options, fixed
+        Request of the user.
+    ranges
+        Slowest and fastest speed by direction [m/s or rad/s].
+    specs, limits
+        Parameters, and lowest and highest value [SI], by name.
+    rising
+        Stribeck parameters that are estimated.
+    """
+
+    data: Sequence[FrictionData]
+    model: RegressionModel
+    options: FrictionOptions
+    fixed: Mapping[str, float]
+    ranges: Ranges
+    specs: Mapping[str, ParameterSpec]
+    limits: Mapping[str, tuple[float, float]]
+    rising: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions],
+        ranges: Ranges,
+    ) -> Self:  # fmt: skip
+        """Make the solver of a request."""
+        specs = {p.name: p for p in variant.parameters}
+        limits = {n: request.bounds.get(n, (p.minimum, p.maximum)) for n, p in specs.items()}
+        rising = free_names(request.options.stribeck == "estimate", request.fixed)
+        return cls(
+            data, friction_model(data), request.options, request.fixed, ranges, specs, limits,
+            rising,
+        )  # fmt: skip
+
+    @property
+    def axis(self) -> Axis:
+        """Drive and moving part."""
+        return self.data[0].axis
+
+    @property
+    def offset_asked(self) -> bool:
+        """Return whether an offset of the drive has to be estimated."""
+        return self.options.offset == "estimate" or self.options.force_offset is True
+
+    def refuse_beforehand(self, moved: Sequence[str]) -> list[Refusal]:
+        """Refuse parameters of directions without motion, and viscous friction at one speed."""
+        options, ranges, axis = self.options, self.ranges, self.axis
+        out = [r for s in SIDES if s not in moved for r in _refuse_side(s, options, ranges, axis)]
+        known = {*self.fixed, *(r.parameter for r in out)}
+        alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges))]
+        out += [_too_alike(n, ranges, axis) for n in alike]
+        if alike and _one_speed(ranges):
+            out += [Refusal(n, f"{_describe_speeds(ranges, axis)}.") for n in self.rising]
+        return out
+
+    def solve(self, held: Mapping[str, float]) -> Regression:
+        """Solve, with an offset where it is asked for or a level would be negative."""
+        options, asked = self.options, self.offset_asked
+        possible = not any(n in held for n in LEVELS) and options.offset != "none"
+        if asked and not possible:
+            kind = NotIdentifiedError if options.is_settled else UsageError
+            raise kind(
+                f"an offset of the {self.axis.drive} cannot be estimated here",
+                expected="This needs motion in both directions and free Coulomb levels.",
+                remedy="Leave --offset out, or record strokes in both directions.",
+            )
+        if not asked:
+            found = self._solve(held, LEVELS, self.limits)
+            optional = possible and not options.is_settled
+            if not (optional and (levels_impossible(found) or _one_log_has_offset(self.data))):
+                return found
+        logs = offset_groups(self.data)
+        offsets = [f"offset[{d[0].experiment.log}]" for d in logs] if logs[1:] else ["offset"]
+        limits = {**self.limits, _MEAN: shared_limits(self.limits, LEVELS)}
+        return self._solve(held, [_MEAN, *offsets], limits)
+
+    def _solve(
+        self, held: Mapping[str, float], levels: Sequence[str],
+        limits: Mapping[str, tuple[float, float]],
+    ) -> Regression:  # fmt: skip
+        names = [n for n in (*levels, *self.options.rates, *self.rising) if n not in held]
         if not names:
             raise UsageError(
                 "nothing is left to estimate: every parameter is fixed or undetermined",
                 remedy="Leave out one --fix.",
             )
-        return Estimator(model, names, held, limits).solve()
+        return Estimator(self.model, names, held, limits).solve()
 
-    def solve(held: Mapping[str, float]) -> Regression:
-        """Solve with an offset where it is asked for, or a level would be negative."""
-        possible = not any(n in held for n in LEVELS) and options.offset != "none"
-        if asked and not possible:
-            kind = NotIdentifiedError if options.is_settled else UsageError
-            raise kind(
-                f"an offset of the {axis.drive} cannot be estimated here",
-                expected="This needs motion in both directions and free Coulomb levels.",
-                remedy="Leave --offset out, or record strokes in both directions.",
-            )
-        if not asked:
-            found = attempt(held, *LEVELS)
-            if (
-                not possible
-                or options.is_settled
-                or not (levels_impossible(found) or _one_log_has_offset(data))
-            ):
-                return found
-        logs = offset_groups(data)
-        offsets = [f"offset[{d[0].experiment.log}]" for d in logs] if logs[1:] else ["offset"]
-        limits[_MEAN] = shared_limits(limits, LEVELS)
-        return attempt(held, _MEAN, *offsets)
-
-    def doubts(found: Regression) -> list[Refusal]:
+    def undetermined(self, found: Regression) -> list[Refusal]:
+        """Refuse what a solution leaves undetermined."""
         return undetermined(
             found.free,
-            model.speed,
+            self.model.speed,
             # where the search ended: a step of a rise that is not determined may go anywhere
-            lambda held: solve({**held, "stribeck_speed": found.speed}).free,
-            (axis.force_unit, axis.speed_unit),
-            deadband=options.deadband or 0.0,
-        ) or _undetermined(found.free, specs, data, ranges)
-
-    end = determine(solve, doubts, specs, fixed=fixed, refusals=refusals)
-    found, unknowns = end.solution, end.solution.free.names
-    options = replace(options, force_offset=_MEAN in unknowns)
-    written = [n for n in specs if n in LEVELS or n in found.values]
-    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
-    source |= {n: n for n in unknowns if n.startswith("offset")}
-    solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
-    held = {n: v for n, v in found.free.values.items() if n not in unknowns}
-    notices = [*end.notices, *Estimator(model, unknowns, held).other_shape()]
-    return FrictionFit(data, options, found, solved.renamed(source), ranges, notices)
+            lambda held: self.solve({**held, "stribeck_speed": found.speed}).free,
+            (self.axis.force_unit, self.axis.speed_unit),
+            deadband=self.options.deadband or 0.0,
+        ) or _undetermined(found.free, self.specs, self.data, self.ranges)
 
 
 def _one_log_has_offset(data: Sequence[FrictionData]) -> bool:
