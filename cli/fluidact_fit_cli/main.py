@@ -28,8 +28,6 @@ def main() -> None:
             signal.signal(signal.SIGINT, _interrupt)
         # A fit uses one thread (see fitting.py); a pool that waits costs a quarter of a short one.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        # Long logs go by blocks; to have pages of 2 MB made for numpy costs more than these save.
-        os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
         # Nor has it a use for plugins of pydantic, looked for in all packages there are.
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
         _prepare_streams()

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import toeplitz
 
 from fluidact_fit import fit, rows
-from fluidact_fit.estimation.blocks import condense, rows_of
+from fluidact_fit.estimation.blocks import condense, condensed
 from fluidact_fit.estimation.linear import transition
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression
 
@@ -111,7 +111,7 @@ def test_a_triangle_keeps_the_products_of_columns(monkeypatch):
     products = exact.T @ exact
     size = np.sqrt(np.diag(products))
     size[size == 0.0] = 1.0
-    found = condense(rows_of([table])).astype(np.longdouble)
+    found = condensed([table]).astype(np.longdouble)
     assert found.shape == (6, 6)
     assert np.abs((found.T @ found - products) / np.outer(size, size)).max() < 1e-13
 

@@ -65,7 +65,7 @@ def test_scan_is_the_plain_recursion(m: int, varying: bool) -> None:
     want = [x]
     for k in range(m):
         want.append((phi[k] if varying else phi) @ want[-1] + forcing[k])
-    np.testing.assert_allclose(scan(phi, forcing, x), want, atol=1e-9)
+    np.testing.assert_allclose(scan(phi, forcing.__getitem__, x, m), want, atol=1e-9)
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
@@ -139,7 +139,7 @@ def test_dead_zone_kinks_lie_between_the_samples() -> None:
 def test_free_response_of_a_fast_system_ends() -> None:
     a, _, c = oscillator(50.0, 0.7)
     grid = make_grid(np.arange(20_000) * 0.01)
-    y = free_response(a, c, grid)
+    y = free_response(a, c, grid, range(2))
     assert y.shape == (20_000, 2)
     np.testing.assert_allclose(y[:3, 0], [c @ expm(a * 0.01 * k) @ [1, 0] for k in range(3)])
     assert np.abs(y[-1]).max() < 1e-12

@@ -27,7 +27,7 @@ from ..estimation.noise import PER_MEDIAN
 from ..experiment import Experiment, FloatArray, IndexArray
 from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
-from ..rows import square_sum
+from ..rows import blocks, square_sum
 from ..units import as_share
 from . import policy
 from .optimum import Optimum
@@ -125,28 +125,30 @@ def measure_influence(
     limit = float(-stdtrit(degrees, 0.5 * policy.ODD / n))
     leverage, influence, effects = 0.0, 0.0, []
     odd: list[IndexArray] = []
-    for series, (j, r) in enumerate(zip(jacobians, residuals, strict=True)):
-        q = j @ inverse
-        own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
-        studentised = r / np.sqrt(1.0 - own)
-        sigma = np.sqrt(np.maximum(squares - studentised**2, 0.0) / degrees)
+    for series, (jacobian, residual) in enumerate(zip(jacobians, residuals, strict=True)):
         # where one sample alone has a residual, the rest of them is rounding
-        deviations = studentised / np.maximum(
-            np.minimum(sigma, 2.0 * robust), max(1e-12 * np.abs(r).max(initial=0.0), 1e-300)
-        )
-        moved = (q * (r / (1.0 - own))[:, None]) @ inverse.T / std_errors
-        size = np.abs(moved).max(axis=1)
-        leverage = max(leverage, float(own.max()))
-        influence = max(influence, float(size.max(initial=0.0)))
-        strange = np.abs(deviations) > limit
-        odd.append(np.flatnonzero(strange))
-        for i in np.flatnonzero(strange | (size > policy.ANY_MOVES)):
-            k = int(np.argmax(np.abs(moved[i])))
-            effect = Effect(
-                series, int(i), float(own[i]), float(deviations[i]),
-                bool(strange[i]), k, float(moved[i, k]),
-            )  # fmt: skip
-            effects += [effect] if effect.deciding or effect.outlying else []
+        least = max(1e-12 * np.abs(residual).max(initial=0.0), 1e-300)
+        places = []
+        for at in blocks(residual.size):
+            q, r = jacobian[at] @ inverse, residual[at]
+            own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
+            studentised = r / np.sqrt(1.0 - own)
+            sigma = np.sqrt(np.maximum(squares - studentised**2, 0.0) / degrees)
+            deviations = studentised / np.maximum(np.minimum(sigma, 2.0 * robust), least)
+            moved = (q * (r / (1.0 - own))[:, None]) @ inverse.T / std_errors
+            size = np.abs(moved).max(axis=1)
+            leverage = max(leverage, float(own.max(initial=0.0)))
+            influence = max(influence, float(size.max(initial=0.0)))
+            strange = np.abs(deviations) > limit
+            places.append(at.start + np.flatnonzero(strange))
+            for i in np.flatnonzero(strange | (size > policy.ANY_MOVES)):
+                k = int(np.argmax(np.abs(moved[i])))
+                effect = Effect(
+                    series, at.start + int(i), float(own[i]), float(deviations[i]),
+                    bool(strange[i]), k, float(moved[i, k]),
+                )  # fmt: skip
+                effects += [effect] if effect.deciding or effect.outlying else []
+        odd.append(np.concatenate(places))
     return Influence(leverage, influence, effects, odd, inverse)
 
 

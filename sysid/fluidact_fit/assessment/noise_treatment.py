@@ -7,14 +7,14 @@ class, two here and one in :mod:`.corrected_score`. Theory: ``docs/theory/score-
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from ..estimation.blocks import condensed
+from ..estimation.blocks import condense, rows_of
 from ..estimation.least_squares import NEGLIGIBLE, scaled_least_squares
 from ..estimation.uncertainty import covariance, fit_autoregression, innovations
 from ..experiment import FloatArray
@@ -111,17 +111,25 @@ class AugmentedJacobian:
         """Number of rows of all series."""
         return sum(r.size for r in self.residuals)
 
+    @property
+    def _series(self) -> Iterator[tuple[Sequence[FloatArray], FloatArray | None]]:
+        """Columns of every series, and what is subtracted of all rows of it."""
+        parts = zip(self.jacobians, self.columns, self.residuals, strict=True)
+        for columns, own in zip(parts, self.own_levels):
+            means = [np.atleast_1d(x.mean(axis=0)) for x in columns] if own else []
+            yield columns, np.concatenate(means) if own else None
+
     @cached_property
     def tables(self) -> list[FloatArray]:
         """All rows of every series, shape ``(n_i, p + q + 1)``."""
-        series = zip(self.jacobians, self.columns, self.residuals, strict=True)
-        tables = [side_by_side(*parts) for parts in series]
-        return [t - t.mean(axis=0) if own else t for t, own in zip(tables, self.own_levels)]
+        tables = ((side_by_side(*columns), mean) for columns, mean in self._series)
+        return [t if mean is None else t - mean for t, mean in tables]
 
     @property
     def is_finite(self) -> bool:
         """Return whether all numbers of all rows are finite."""
-        return all(np.isfinite(t).all() for t in self.tables)
+        every = (*self.jacobians, *self.columns, *self.residuals)
+        return all(np.isfinite(x).all() for x in every)
 
     @cached_property
     def whitened(self) -> FloatArray:
@@ -129,21 +137,25 @@ class AugmentedJacobian:
 
         Condensed, shape ``(m, p + q + 1)``; every channel is scaled to the variance of the first.
         """
-        table = np.vstack([condensed([t]) for t in self.tables])
+        series = list(self._series)
+        table = np.vstack([condense(rows_of(*one)) for one in series])
         found = np.append(-scaled_least_squares(table[:, :-1], table[:, -1]), 1.0)
         models: dict[str, tuple[FloatArray, float]] = {}
         for role in dict.fromkeys(self.roles):
-            # the middle of a long series shows its autocorrelation well enough
-            own = [t[middle_of(len(t))] @ found for t, of in zip(self.tables, self.roles)
-                   if of == role]  # fmt: skip
-            own = [noise - noise.mean() for noise in own]
+            own = []
+            for (columns, _), of in zip(series, self.roles):
+                if of == role:  # the middle shows its autocorrelation well enough
+                    middle = middle_of(len(columns[0]))
+                    noise = side_by_side(*(x[middle] for x in columns)) @ found
+                    own.append(noise - noise.mean())
             a, variance = fit_autoregression(own, int(min(_ORDER, min(n.size for n in own) // 10)))
             models[role] = a, float(np.sqrt(variance)) or 1.0
         first = models[self.roles[0]][1]
         out = []
-        for white, role in zip(self.tables, self.roles, strict=True):
+        for one, role in zip(series, self.roles, strict=True):
             a, deviation = models[role]
-            out.append(condensed([innovations(white, a)]) * (first / deviation))
+            white = condense(innovations(rows, a) for rows in rows_of(*one, before=a.size))
+            out.append(white * (first / deviation))
         return np.vstack(out)
 
 

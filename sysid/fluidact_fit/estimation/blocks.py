@@ -17,12 +17,27 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from ..experiment import FloatArray
-from ..rows import blocks
+from ..rows import blocks, side_by_side
 
 
-def rows_of(tables: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """Iterate over all blocks of rows of some tables."""
-    return (table[at] for table in tables for at in blocks(table.shape[0]))
+def rows_of(
+    columns: Sequence[FloatArray], mean: FloatArray | None = None, before: int = 0
+) -> Iterator[FloatArray]:
+    """Iterate over blocks of rows of a table that is never made whole.
+
+    Parameters
+    ----------
+    columns
+        What stands beside each other in it, shapes ``(n,)`` or ``(n, c)``.
+    mean
+        What is subtracted of every row.
+    before
+        Rows before a block that it begins with as well, as far as there are any.
+    """
+    for at in blocks(len(columns[0])):
+        rows = slice(max(at.start - before, 0), at.stop)
+        block = side_by_side(*(x[rows] for x in columns)) if len(columns) > 1 else columns[0][rows]
+        yield block if mean is None else block - mean
 
 
 def joined(tables: Sequence[FloatArray]) -> FloatArray:
@@ -62,4 +77,4 @@ def _triangle(above: FloatArray, below: FloatArray) -> FloatArray:
 
 def condensed(tables: Sequence[FloatArray]) -> FloatArray:
     """`condense` of all rows of some tables."""
-    return condense(rows_of(tables))
+    return condense(block for table in tables for block in rows_of([table]))

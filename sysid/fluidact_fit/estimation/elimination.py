@@ -9,7 +9,7 @@ import numpy as np
 
 from ..experiment import BoolArray, FloatArray
 from ..rows import side_by_side
-from .blocks import condensed
+from .blocks import condense, rows_of
 from .least_squares import (
     NEGLIGIBLE,
     bounded_least_squares,
@@ -34,19 +34,21 @@ class _Table:
     own: FloatArray
 
     @classmethod
-    def of(cls, table: FloatArray, locals_: int, own: FloatArray | None = None) -> _Table:
-        """Split a table; ``own`` where it is known.
+    def of(cls, local: FloatArray, *others: FloatArray, own: FloatArray | None = None) -> _Table:
+        """Columns beside each other, shapes ``(n, c)`` or ``(n,)``; ``own`` where it is known.
 
         Raises
         ------
         LinAlgError
             Where the model gives no finite numbers.
         """
-        table = condensed([table])
+        table = condense(rows_of((local, *others)))
         if not np.all(np.isfinite(table)):
             raise np.linalg.LinAlgError("the model gives no finite numbers")
-        local = table[:, :locals_]
-        return cls(local, table[:, locals_:], orthonormal(local) if own is None else own)
+        short, kept = len(table) != len(local), table[:, : local.shape[1]]
+        return cls(
+            kept, table[:, local.shape[1] :], orthonormal(kept) if own is None or short else own
+        )
 
     @cached_property
     def projected(self) -> FloatArray:
@@ -67,9 +69,7 @@ class Eliminated:
         self.eta = eta
         self.bases = [problem.basis(i, eta) for i in range(len(problem.measured))]
         self.tables = [
-            _Table.of(
-                problem.weigh(i, side_by_side(b.local, b.shared, y - b.known)), b.local.shape[1]
-            )
+            _Table.of(*problem.weigh(i, b.local, b.shared, y - b.known))
             for i, (b, y) in enumerate(zip(self.bases, problem.measured, strict=True))
         ]
         self.linear, self.linear_active = self._solve_shared()
@@ -108,13 +108,12 @@ class Tangent:
     def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
         self.fit = fit
         self.raw, self.tables = [], []
-        problem, p = fit.problem, fit.eta.size
+        problem = fit.problem
         for i, (b, y, t) in enumerate(zip(fit.bases, problem.measured, fit.tables, strict=True)):
-            j = problem.derivatives(i, fit.eta, scales, fit.linear, fit.local[i])
-            table = problem.weigh(i, side_by_side(b.local, b.shared, j.T, y - b.known))
-            self.raw.append(np.array(table[:, -1 - p : -1], order="F"))  # without all the others
-            own = t.own if len(t.local) == len(table) else None  # else these are other rows
-            self.tables.append(_Table.of(table, b.local.shape[1], own))
+            j = problem.derivatives(i, fit.eta, scales, fit.linear, fit.local[i]).T
+            local, shared, raw, rest = problem.weigh(i, b.local, b.shared, j, y - b.known)
+            self.raw.append(raw)
+            self.tables.append(_Table.of(local, shared, raw, rest, own=t.own))
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """Derivatives, local and free shared columns projected out, and residuals."""
@@ -128,11 +127,11 @@ class Tangent:
         """Residuals and Jacobian of one experiment at a fit close by."""
         b, count = fit.bases[index], fit.linear.size
         rest = fit.problem.measured[index] - b.combined(fit.linear, fit.local[index])
-        rows = fit.problem.weigh(index, side_by_side(b.local, b.shared, rest))
-        local, shared = np.split(rows[:, :-1], [b.local.shape[1]], axis=1)
+        local, shared, rest = fit.problem.weigh(index, b.local, b.shared, rest)
         jacobian = side_by_side(self.raw[index], shared)
         by_local = np.column_stack((
             self.tables[index].explained[:, count:-1], fit.tables[index].explained[:, :-1]
         ))  # fmt: skip
-        jacobian -= (by_local.T @ local.T).T
-        return rows[:, -1], jacobian
+        for column, explained in zip(jacobian.T, by_local.T, strict=True):
+            column -= local @ explained
+        return rest, jacobian

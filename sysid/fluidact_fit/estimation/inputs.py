@@ -38,7 +38,7 @@ class Kinks:
 
     Each adds ``sum_i bend[i - 1] * (t - node - offset)**i`` (``i = 1..degree``) from
     ``offset`` after its node until the next node. ``interval`` has shape ``(k,)`` (index
-    of the node before), ``offset`` shape ``(k,)`` [s] and ``bend`` shape ``(k, degree)``
+    of the node before, never falling), ``offset`` shape ``(k,)`` [s] and ``bend`` shape ``(k, degree)``
     [unit/s**i]; the last two may be complex, which is how derivatives travel (see
     :mod:`.separable`).
     """
@@ -287,10 +287,11 @@ def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> 
     enters = below[:-1] != (end < np.real(negative))[:-1]
     up, down = np.flatnonzero(leaves), np.flatnonzero(enters)
     crossed = np.concatenate((up, down))
-    edges = np.repeat(np.array((positive, negative)), (up.size, down.size))
-    offset, bend = _cross(u, crossed, edges)
-    turn = np.where(np.concatenate((above[up], below[down])), -1.0, 1.0)
-    kinks = Kinks(crossed, offset, turn[:, None] * bend)
+    order = np.argsort(crossed, kind="stable")
+    edges = np.repeat(np.array((positive, negative)), (up.size, down.size))[order]
+    offset, bend = _cross(u, crossed[order], edges)
+    turn = np.where(np.concatenate((above[up], below[down]))[order], -1.0, 1.0)
+    kinks = Kinks(crossed[order], offset, turn[:, None] * bend)
     active = (above | below)[:, None]
     coefficients = np.column_stack((level, np.where(active, u.coefficients[:, 1:], 0.0)))
     return PiecewiseInput(u.nodes, coefficients, kinks)

@@ -20,6 +20,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -27,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import Array, FloatArray
+from ..rows import blocks
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
 from .recursion import orbit, scan
@@ -108,8 +110,10 @@ def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[A
     return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
 
 
-def free_response(a: Array, c: Array, grid: Grid) -> Array:
-    """Outputs ``C exp(A (t - t0)) e_i`` for every unit initial state, shape ``(m, n)``.
+def free_response(
+    a: Array, c: Array, grid: Grid, states: Sequence[int], offset: bool = False
+) -> Array:
+    """Outputs ``C exp(A (t - t0)) e_i`` for some unit initial states, shape ``(m, k)``.
 
     Parameters
     ----------
@@ -117,15 +121,27 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     c : (n,)
     grid
         Instants of the log.
+    states
+        The ``i``.
+    offset
+        Whether a column of ones follows them.
     """
-    m = grid.which.size
-    if m == 0:
-        return c[None, :].copy()
+    count, chosen = grid.instants.size, list(states)
     phi = transition(a, None, grid.distinct)[0]
-    if phi.shape[0] == 1:
-        return orbit(c, phi[0], m + 1)
-    none = np.zeros((m, c.size))
-    return np.column_stack([scan(phi[grid.which], none, e) @ c for e in np.eye(c.size)])
+    out = np.ones((len(chosen) + offset, count), dtype=phi.dtype).T
+    responses = out[:, : len(chosen)]
+    if phi.shape[0] > 1:
+        each = phi[grid.which]
+        for column, start in zip(responses.T, np.eye(c.size)[chosen]):
+            column[:] = (
+                scan(each, lambda at: np.zeros((len(each[at]), c.size)), start, count - 1) @ c
+            )
+        return out
+    row = c
+    for at in blocks(count):
+        rows = orbit(row, phi[0], at.stop - at.start + 1) if phi.size else row[None]
+        responses[at], row = rows[: at.stop - at.start, chosen], rows[-1]
+    return out
 
 
 def forced_response(
@@ -165,30 +181,32 @@ def forced_response(
         states = states_at_nodes(a, b, u, grid)
     if instants is grid.instants and not np.iscomplexobj(dead_time) and dead_time == 0.0:
         return np.asarray(states @ c)
-    before, distinct, which = _last_nodes(instants, dead_time, grid)
-    inside, piece = before >= 0, np.maximum(before, 0)
-    if distinct.size == 0:
-        return np.zeros(instants.size, dtype=np.result_type(states, c))
-    shift = -1j * np.imag(dead_time)
-    moved = distinct + shift if np.imag(dead_time) != 0.0 else distinct
-    if moved.size == 1 and abs(moved[0]) == 0.0:
-        y = (states @ c)[piece]
-    else:
-        phi, gamma = _scaled_transition(a, b, moved, u.coefficients.shape[1] - 1)
+    out = np.zeros(instants.size, dtype=np.result_type(states, u.coefficients, c, dead_time))
+    shift, degree = -1j * np.imag(dead_time), u.coefficients.shape[1] - 1
+    for at in blocks(instants.size):
+        before, passed, which = _last_nodes(instants, at, dead_time, grid)
+        if passed.size == 0:
+            continue
+        inside, piece = before >= 0, np.maximum(before, 0)
+        moved = passed + shift if np.imag(dead_time) != 0.0 else passed
+        phi, gamma = _scaled_transition(a, b, moved, degree)
         row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
+        state, coefficients = states[piece], u.coefficients[piece]
         if moved.size == 1:
-            y = (states @ row[0] + u.coefficients @ rows[0])[piece]
+            y = state @ row[0] + coefficients @ rows[0]
         else:
-            y = np.einsum("kn,kn->k", states[piece], row[which])
-            y = y + np.einsum("kd,kd->k", u.coefficients[piece], rows[which])
-        y += _kink_part(a, b, c, u, instants - dead_time, piece, grid.instants)
-    return np.where(inside, y, 0.0)
+            y = np.einsum("kn,kn->k", state, row[which])
+            y = y + np.einsum("kd,kd->k", coefficients, rows[which])
+        if u.kinks.interval.size:
+            y = y + _kink_part(a, b, c, u, instants[at] - dead_time, piece)
+        out[at] = np.where(inside, y, 0.0)
+    return out
 
 
 def _last_nodes(
-    instants: FloatArray, dead_time: complex, grid: Grid
+    instants: FloatArray, at: slice, dead_time: complex, grid: Grid
 ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.integer[Any]]]:
-    """Last nodes that act at some instants, ``(k,)``, and how long they have acted then.
+    """Last nodes that act at a block of instants, ``(k,)``, and how long they have acted then.
 
     A node is -1 where there is none. The times that have passed [s] are grouped; each instant
     has one of them, the first where there is no node.
@@ -199,62 +217,56 @@ def _last_nodes(
     side = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
     if instants is grid.instants and grid.distinct.size == 1:
         back = ceil(late / unit - side)
-        before = np.maximum(np.arange(instants.size) - back, -1)
+        before = np.maximum(np.arange(at.start, at.stop) - back, -1)
         return before, np.array([max(back * unit - late, 0.0)]), np.zeros_like(before)
-    real = instants - late
+    real = instants[at] - late
     before = np.searchsorted(grid.instants, real + side * unit, side="right") - 1
     inside = before >= 0
     passed = np.maximum(real - grid.instants[np.maximum(before, 0)], 0.0)
-    which = np.zeros(instants.size, dtype=np.intp)
+    which = np.zeros(real.size, dtype=np.intp)
     distinct, which[inside] = group(passed[inside], unit)
     return before, distinct, which
 
 
 def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
     """States at the nodes of the input, ``(m, n)``, from rest."""
-    degree = u.coefficients.shape[1] - 1
-    start = np.zeros(a.shape[0], dtype=np.result_type(a, b))
+    degree, kinks = u.coefficients.shape[1] - 1, u.kinks
+    start = np.zeros(a.shape[0], dtype=np.result_type(a, b, u.coefficients, kinks.offset))
     if grid.which.size == 0:
         return start[None]
     phi, gamma = _scaled_transition(a, b, grid.distinct, degree)
-    pieces = u.coefficients[:-1]
-    equal = phi.shape[0] == 1
-    if equal:
-        forcing = pieces @ gamma[0].T
-    else:
-        forcing = np.einsum("mi,mni->mn", pieces, gamma[grid.which])
-    kinks = u.kinks
-    if kinks.interval.size:
-        index = kinks.interval
-        rest = grid.distinct[grid.which[index]] - kinks.offset
+    pieces, which, equal = u.coefficients[:-1], grid.which, phi.shape[0] == 1
+    bent = kinks.interval
+    if bent.size:
+        rest = grid.distinct[which[bent]] - kinks.offset
         extra = _bend_response(a, b, kinks.bend, rest)
-        forcing = forcing.astype(np.result_type(forcing, extra))
-        np.add.at(forcing, index, extra)
-    return scan(phi[0] if equal else phi[grid.which], forcing, start)
+
+    def forcing(at: slice) -> Array:
+        if equal:
+            out = pieces[at] @ gamma[0].T
+        else:
+            out = np.einsum("mi,mni->mn", pieces[at], gamma[which[at]])
+        first, last = np.searchsorted(bent, (at.start, at.stop))
+        if first < last:
+            out = out.astype(start.dtype, copy=False)
+            np.add.at(out, bent[first:last] - at.start, extra[first:last])
+        return out
+
+    return scan(phi[0] if equal else phi[which], forcing, start, which.size)
 
 
 def _kink_part(
-    a: Array,
-    b: Array,
-    c: Array,
-    u: PiecewiseInput,
-    moments: Array,
-    piece: npt.NDArray[np.intp],
-    nodes: FloatArray,
+    a: Array, b: Array, c: Array, u: PiecewiseInput, moments: Array, piece: npt.NDArray[np.intp]
 ) -> Array:
-    """Contribution of kinks inside the interval of an instant to the output there."""
+    """Contribution of kinks inside the interval of a moment to the output then, ``(k,)``."""
     kinks = u.kinks
     total: Array = np.zeros(moments.size, dtype=np.result_type(moments, kinks.offset, a, b, c))
-    if kinks.interval.size == 0:
-        return total
-    order = np.argsort(kinks.interval, kind="stable")
-    sorted_intervals = kinks.interval[order]
-    first = np.searchsorted(sorted_intervals, piece, side="left")
-    last = np.searchsorted(sorted_intervals, piece, side="right")
+    first = np.searchsorted(kinks.interval, piece, side="left")
+    last = np.searchsorted(kinks.interval, piece, side="right")
     for ahead in range(int((last - first).max(initial=0))):
         rows = np.flatnonzero(first + ahead < last)
-        k = order[first[rows] + ahead]
-        rest = moments[rows] - nodes[piece[rows]] - kinks.offset[k]
+        k = first[rows] + ahead
+        rest = moments[rows] - u.nodes[piece[rows]] - kinks.offset[k]
         passed = np.real(rest) > 0.0
         rows, k, rest = rows[passed], k[passed], rest[passed]
         if rows.size:

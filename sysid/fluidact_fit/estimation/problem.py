@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, FloatArray
+from ..rows import side_by_side
 from ..specification import STEP
 from .budget import simulated
 from .whitening import Whitening
@@ -47,7 +48,12 @@ class Basis:
 
     def combined(self, shared: FloatArray, local: FloatArray) -> Array:
         """Output of the model with some linear unknowns, shape ``(n,)``."""
-        return np.asarray(self.known + self.shared @ shared + self.local @ local)
+        kind = np.result_type(self.known, self.shared, self.local)
+        out = np.array(self.known, dtype=kind)
+        for columns, sizes in ((self.shared, shared), (self.local, local)):
+            if sizes.size:
+                out += columns @ sizes
+        return out
 
 
 class Model(Protocol):
@@ -130,14 +136,15 @@ class Problem:
         """Count simulations of one experiment."""
         simulated(self.measured[index].shape[0] / self.channels, passes)
 
-    def weigh(self, index: int, table: Array) -> Array:
-        """Weigh and whiten a table (samples first) of one experiment."""
+    def weigh(self, index: int, *columns: Array) -> list[Array]:
+        """Weigh and whiten columns of one experiment, shapes ``(n,)`` or ``(n, c)``."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
-        if w.ndim:
-            table = table * w[:, None]
-        elif w != 1.0:
-            table = table * w
-        return self.whiten[index].filter(table) if self.whiten else table
+        parts = [(x.T * w).T for x in columns] if w.ndim or w != 1.0 else list(columns)
+        if not self.whiten:
+            return parts
+        table = self.whiten[index].filter(side_by_side(*parts))
+        ends = np.cumsum([x[:1].size for x in parts])
+        return [table[:, end - x[:1].size : end].reshape(x.shape) for x, end in zip(parts, ends)]
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,7 @@ class StationaryPoint:
     residuals
         Weighted residuals ``measured - model`` per experiment.
     simulate
-        ``simulate()``: output of the model per experiment. Of long records it is not kept.
+        ``simulate()``: output of the model per experiment, which is not kept: computed again.
     jacobian
         Weighted derivative of the model output by ``(eta, linear)`` with the local
         unknowns projected out, one array ``(n_i, p + q)`` per experiment.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil
 
 import numpy as np
@@ -89,24 +90,28 @@ def behind_play(values: FloatArray, width: float) -> FloatArray:
     return clamped(float(values[0]), low, high, 0.0, values.size)
 
 
-def scan(phi: Array, forcing: Array, start: Array) -> Array:
+def scan(phi: Array, forcing: Callable[[slice], Array], start: Array, count: int) -> Array:
     """Solve ``x[j+1] = phi[j] x[j] + forcing[j]``.
 
     Parameters
     ----------
-    phi : (n, n) for equal steps, or (m, n, n)
-    forcing : (m, n)
+    phi : (n, n) for equal steps, or (count, n, n)
+    forcing
+        ``forcing(at)``: that of a block of steps, shape ``(m, n)``; a long record never has all.
     start : (n,)
+        Complex where a forcing is.
+    count
+        Number of steps.
 
     Returns
     -------
-    (m + 1, n), starting with ``start``.
+    (count + 1, n), starting with ``start``.
     """
-    out = np.empty((forcing.shape[0] + 1, start.size), np.result_type(phi, forcing, start))
+    out = np.empty((count + 1, start.size), np.result_type(phi, start))
     out[0] = start
-    for at in blocks(forcing.shape[0]):
+    for at in blocks(count):
         own = phi[at] if phi.ndim == 3 else phi
-        out[at.start : at.stop + 1] = _scan_block(own, forcing[at], out[at.start])
+        out[at.start : at.stop + 1] = _scan_block(own, forcing(at), out[at.start])
     return out
 
 

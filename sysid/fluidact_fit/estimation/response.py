@@ -51,8 +51,10 @@ class Response(Generic[T]):
 
     Attributes
     ----------
-    fitted, model
-        The estimate, and the model with the weights of its samples.
+    fitted
+        The estimate.
+    weights
+        Of the samples, as in :class:`.NamedModel`.
     begin
         What the runs were taken to begin with.
     limit
@@ -60,7 +62,7 @@ class Response(Generic[T]):
     """
 
     fitted: Fitted
-    model: NamedModel
+    weights: Sequence[FloatArray | float]
     begin: Beginning
     limit: float | None = None
 
@@ -90,10 +92,11 @@ class Response(Generic[T]):
         parameters, names, covariance = fitted.quantities(variant.parameters, experiments[0].units)
         table, drift = fitted.compare_logs(experiments)
         details = {**fitted.details(), **table}
-        jacobians, weights = fitted.sensitivity(), self.model.weights
-        if weights:
-            details["samples_of_less_weight"] = [int(np.sum(np.asarray(w) < 1.0)) for w in weights]
-            jacobians = [j / np.reshape(w, (-1, 1)) for j, w in zip(jacobians, weights)]
+        jacobians = fitted.sensitivity()
+        if self.weights:
+            less = [int(np.sum(np.asarray(w) < 1.0)) for w in self.weights]
+            details["samples_of_less_weight"] = less
+            jacobians = [j / np.reshape(w, (-1, 1)) for j, w in zip(jacobians, self.weights)]
         return make_solution(
             simulate, experiments, variant, options, parameters, names,
             NoiseModel(covariance, fitted.independent, fitted.input_noise),
@@ -127,7 +130,8 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     end, correct = _allow_for_input_noise(task, fitted, begin)
     end = judge_rivals(task, end, fitted, model, places, correct)
     tried = replace(end.search, tried=search.tried, agreeing=search.agreeing)
-    return Response(replace(end, search=tried), model, begin, _limit(task, fitted, model))
+    limit = _limit(task, fitted, model)
+    return Response(replace(end, search=tried), model.weights, begin, limit)
 
 
 def _search_alternatives(task: ResponseTask[T], problem: Problem, search: Search) -> Search:

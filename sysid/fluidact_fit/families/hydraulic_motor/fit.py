@@ -273,7 +273,7 @@ def _find_bend(
     """Best of some saturations, and how much the residuals fall with it, in variances."""
     fitted = without.fitted
     top = highest_command(task.experiments, fitted.values.get(OFFSET, 0.0))
-    model = replace(task.named(task.experiments, without.begin), weights=without.model.weights)
+    model = replace(task.named(task.experiments, without.begin), weights=without.weights)
     refused = {n: fitted.values[n] for n in fitted.refused}
     found, best = dict(fitted.values), fitted.solution.cost
     for share in _BENDS:

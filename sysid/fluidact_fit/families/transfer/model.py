@@ -189,15 +189,14 @@ class TransferModel:
     def _local(self, index: int, values: Values) -> Array:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
-        count, own = p.samples.instants.size, np.ones(int(p.own))
         if p.rest:
-            return repeated(own, count)
+            return repeated(np.ones(int(p.own)), p.samples.instants.size)
         # an offset that is not the run's own stands for no initial state
         free = self.beginnings(values) if p.own else any_start(*self.realise(values))
-        found = self._remember(
-            ("free", index), (free.a, free.c), lambda: free_response(free.a, free.c, p.samples)
-        )
-        return side_by_side(found[:, free.states], repeated(own, count))
+        return self._remember(
+            ("free", index), (free.a, free.c),
+            lambda: free_response(free.a, free.c, p.samples, free.states, p.own),
+        )  # fmt: skip
 
     def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
@@ -243,7 +242,9 @@ def simulate_transfer(
     nonlinear = [n for n in values if n != model.gain]
     fit = Eliminated(bind(model.named(nonlinear), {}, values), np.zeros(0))
     for i, (p, simulated) in enumerate(zip(model.prepared, fit.simulate(), strict=True)):
-        output = np.concatenate((np.full(p.unseen, np.nan), simulated))
+        output = simulated
+        if p.unseen:
+            output = np.concatenate((np.full(p.unseen, np.nan), simulated))
         found = None
         if p.own or p.log is not None:
             found = fit.local[i][-1] if p.log is None else fit.linear[p.log]
