@@ -38,9 +38,9 @@ class Kinks:
 
     Each adds ``sum_i bend[i - 1] * (t - node - offset)**i`` (``i = 1..degree``) from
     ``offset`` after its node until the next node. ``interval`` has shape ``(k,)`` (index
-    of the node before, never falling), ``offset`` shape ``(k,)`` [s] and ``bend`` shape ``(k, degree)``
-    [unit/s**i]; the last two may be complex, which is how derivatives travel (see
-    :mod:`.separable`).
+    of the node before, never falling), ``offset`` shape ``(k,)`` [s] and ``bend`` shape
+    ``(k, degree)`` [unit/s**i]; the last two may be complex, which is how derivatives travel
+    (see :mod:`.separable`).
     """
 
     interval: npt.NDArray[np.intp]

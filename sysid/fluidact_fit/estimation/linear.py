@@ -95,11 +95,11 @@ def _exponential_series(m: Array) -> Array:
     powers = np.empty((4, *m.shape), dtype=m.dtype)
     powers[0], powers[1], powers[2] = np.eye(m.shape[-1]), m, square
     np.matmul(square, m, out=powers[3])
-    blocks = (_SERIES @ powers.reshape(4, -1)).reshape(powers.shape)
+    terms = (_SERIES @ powers.reshape(4, -1)).reshape(powers.shape)
     fourth = square @ square
-    result = blocks[3]
+    result = terms[3]
     for k in (2, 1, 0):
-        result = fourth @ result + blocks[k]
+        result = fourth @ result + terms[k]
     return np.asarray(result)
 
 
@@ -128,14 +128,16 @@ def free_response(
     """
     count, chosen = grid.instants.size, list(states)
     phi = transition(a, None, grid.distinct)[0]
-    out = np.ones((len(chosen) + offset, count), dtype=phi.dtype).T
+    out = np.ones((len(chosen) + offset, count), dtype=np.result_type(phi, c)).T
     responses = out[:, : len(chosen)]
     if phi.shape[0] > 1:
         each = phi[grid.which]
+
+        def unforced(at: slice) -> Array:
+            return np.zeros((len(each[at]), c.size))
+
         for column, start in zip(responses.T, np.eye(c.size)[chosen]):
-            column[:] = (
-                scan(each, lambda at: np.zeros((len(each[at]), c.size)), start, count - 1) @ c
-            )
+            column[:] = scan(each, unforced, start, count - 1) @ c
         return out
     row = c
     for at in blocks(count):
