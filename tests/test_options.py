@@ -125,3 +125,11 @@ def test_every_family_describes_its_options(name: str) -> None:
         if option.settled:
             assert option.default is None
     assert options.read(options().given(), from_file=True) == options()
+
+
+def test_an_option_takes_the_same_words_in_every_family() -> None:
+    words: dict[str, set[str]] = {}
+    for name in family_names():
+        for option in describe(get_family(name).options_type):
+            own = set(option.choices or ()) - {"auto"}
+            assert words.setdefault(option.name, own) == own, f"{name} --{option.name}"

@@ -624,7 +624,7 @@ def fit_cylinder_friction(
     area_2: float | str | None = None, pressures: Literal["resist", "drive"] = "resist",
     mass: float | str | None = None, inertia: float | str | None = None,
     filter: float | str | None = None, deadband: float | str | None = None,
-    offset: Literal["auto", "estimate", "none"] = "auto",
+    offset: Literal["auto", "none", "free"] = "auto",
     stribeck: Literal["none", "estimate"] = "none",
     viscous: Literal["symmetric", "asymmetric"] = "symmetric",
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
@@ -717,7 +717,7 @@ def fit_cylinder_friction(
         Samples slower than this are left out (default: from noise and speed): a number not below 0
         [m/s or rad/s].
     offset
-        Constant offset of what drives: estimated where the levels need one, always, or never.
+        Constant offset of what drives: estimated where the levels need one, never, or always.
     stribeck
         Whether to estimate how friction rises at low speed.
     viscous

@@ -397,7 +397,7 @@ _FAMILIES = {
         "The two Coulomb levels differ, which a constant force (the zero of the load cell, weight, "
         "a preload) would look like; motion alone cannot tell the two apart.",
         "Read the load cell unloaded and give `--offset=none` where it shows zero, or "
-        "`--offset=estimate` where friction is the same both ways.",
+        "`--offset=free` where friction is the same both ways.",
     ),
     "chamber-not-recorded": _warning(
         "No log holds the pressure of one chamber, so its gain and losses are not in the file.",

@@ -391,8 +391,8 @@ def test_constant_force_is_found_as_an_offset_only_where_it_must_be() -> None:
     with pytest.raises(LogError, match="offset"):
         fit([log], offset="none")
     with pytest.raises(UsageError, match="both directions"):
-        fit([record([0.1, 0.2])], offset="estimate")
-    forced = fit([record(TWO_SPEEDS, offset=1.0)], offset="estimate")
+        fit([record([0.1, 0.2])], offset="free")
+    forced = fit([record(TWO_SPEEDS, offset=1.0)], offset="free")
     assert forced.derived["force_offset"].value == pytest.approx(2.0, abs=0.1)
     # the offset belongs to the log: another one gets its own
     other = record(TWO_SPEEDS, offset=-12.0, seed=5)
@@ -549,7 +549,7 @@ def test_fixed_and_bounded_parameters() -> None:
 
 def test_bounds_of_levels_that_are_equal_have_to_overlap() -> None:
     apart = {"coulomb_positive": (1.0, 2.0), "coulomb_negative": (3.0, 4.0)}
-    request = Request(options=FrictionOptions(offset="estimate"), bounds=apart)
+    request = Request(options=FrictionOptions(offset="free"), bounds=apart)
     with pytest.raises(UsageError, match="no value in common"):
         FAMILY.estimate(VARIANTS["position"], [record(TWO_SPEEDS)], request)
 

@@ -131,7 +131,7 @@ def test_a_load_cell_offset_is_not_passed_off_as_asymmetry(tmp_path: Path) -> No
     log = moved_by_hand(tmp_path, offset=0.3)
     assert "asymmetry-or-offset" in codes(ff.fit("cylinder-friction", [log]))
     assert "asymmetry-or-offset" not in codes(ff.fit("cylinder-friction", [log], offset="none"))
-    equal = ff.fit("cylinder-friction", [log], offset="estimate")
+    equal = ff.fit("cylinder-friction", [log], offset="free")
     assert equal.verdict == "warn"
     assert "force-offset" in codes(equal)
 

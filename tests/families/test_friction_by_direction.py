@@ -139,7 +139,7 @@ def test_a_symmetric_fit_of_an_asymmetric_plant_is_told_the_option(tmp_path: Pat
     assert "unmodelled-response" not in {n.code for n in fit([same], "symmetric").notices}
 
 
-@pytest.mark.parametrize("offset", ["auto", "estimate"])
+@pytest.mark.parametrize("offset", ["auto", "free"])
 def test_with_an_offset_of_the_force(tmp_path: Path, offset: str) -> None:
     columns = by_hand(3, coulomb_negative=2.4)
     columns["force"] += 6.0  # more than the levels: one would be negative

@@ -274,7 +274,7 @@ def _machines() -> Iterator[Attack]:
                   options={"stribeck": "estimate"})  # fmt: skip
     yield _attack("Stribeck asked for", "there is none", options={"stribeck": "estimate"}, mass=0.0)
     uneven = {**TRUTH, "coulomb_negative": 1.8}
-    for options in ({}, {"offset": "estimate"}, {"offset": "none"}):
+    for options in ({}, {"offset": "free"}, {"offset": "none"}):
         words = options.get("offset", "auto")
         given = {"mass": MASS, **options}
         yield _attack("asymmetry", f"friction, {words}", uneven, options=given)

@@ -172,7 +172,7 @@ class _Solver:
     @property
     def offset_asked(self) -> bool:
         """Return whether an offset of the drive has to be estimated."""
-        return self.options.offset == "estimate" or self.options.force_offset is True
+        return self.options.offset == "free" or self.options.force_offset is True
 
     def refuse_beforehand(self, moved: Sequence[str]) -> list[Refusal]:
         """Refuse parameters of directions without motion, and viscous friction at one speed."""

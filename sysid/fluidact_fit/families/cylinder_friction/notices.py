@@ -65,7 +65,7 @@ def _explain_levels(fit: FrictionFit) -> Iterator[Notice]:
             derived, drive,
             f"the zero of the {sensor}, a converter that truncates, weight, a preload",
             f"Read the {sensor} unloaded: if it shows zero, give --offset=none; if friction is "
-            "known to be the same both ways, give --offset=estimate.",
+            "known to be the same both ways, give --offset=free.",
         ):  # fmt: skip
             yield Notice("asymmetry-or-offset", text)
 

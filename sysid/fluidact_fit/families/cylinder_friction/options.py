@@ -43,8 +43,8 @@ class FrictionOptions(FamilyOptions):
     )  # fmt: skip
     offset: str = choice(
         "auto",
-        ("auto", "estimate", "none"),
-        "constant offset of what drives: estimated where the levels need one, always, or never",
+        ("auto", "none", "free"),
+        "constant offset of what drives: estimated where the levels need one, never, or always",
     )
     stribeck: str = stribeck_choice()
     viscous: str = choice(
