@@ -179,6 +179,7 @@ class Parser:
             ways.append((condition, self.statements("ELSIF", "ELSE", "END_IF")))
         otherwise = self.statements("END_IF") if self.skip("ELSE") else []
         self.next("END_IF")
+        self.next(";")  # IEC 61131-3 asks for it behind every statement
         return "if", ways, otherwise
 
     def for_statement(self) -> Any:
@@ -190,6 +191,7 @@ class Parser:
         self.next("DO")
         body = self.statements("END_FOR")
         self.next("END_FOR")
+        self.next(";")
         return "for", counter, first, last, body
 
     def simple_statement(self) -> Any:

@@ -313,8 +313,9 @@ def test_what_lies_beyond_a_range_and_what_is_no_number_is_clamped_and_told() ->
 
 @pytest.mark.parametrize(
     "body",
-    ["value := 1;", "value := x[2];", "c := 2.0;", "value := y;", "IF x[0] THEN END_IF",
-     "step := 1.0;", "value := 1.0 + 1;", "value := SQRT(-1.0);", "i := i / 2;"],
+    ["value := 1;", "value := x[2];", "c := 2.0;", "value := y;", "IF x[0] THEN END_IF;",
+     "IF i = 1 THEN END_IF", "step := 1.0;", "value := 1.0 + 1;", "value := SQRT(-1.0);",
+     "i := i / 2;"],
 )  # fmt: skip
 def test_interpreter_objects_as_a_compiler_would(body: str) -> None:
     text = (

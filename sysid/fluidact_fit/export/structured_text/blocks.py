@@ -30,7 +30,7 @@ class FunctionBlock(Branches):
         What it does; what it computes twice is computed once.
     """
 
-    words = Words("IF {} THEN", "ELSIF {} THEN", "ELSE", "END_IF")
+    words = Words("IF {} THEN", "ELSIF {} THEN", "ELSE", "END_IF;")
 
     def __init__(self, name: str, routine: Routine) -> None:
         self.name, self.routine = name, (routine := shared(routine))
@@ -58,7 +58,7 @@ class FunctionBlock(Branches):
             self._run(s)
         if interrupts:
             self._depth = 0
-            self._say("END_IF")
+            self._say("END_IF;")
         self._assign("value", routine.value)
         if routine.careful and not routine.keeps:
             self._numbers_only()
@@ -73,7 +73,7 @@ class FunctionBlock(Branches):
         if r.keeps:
             about = "TRUE: forget what was kept, this is the first call"
             taken.append(f"{INDENT}reset : BOOL; {comment(about)}")
-            resets = [f"IF reset OR NOT {self._begun} THEN", *self._resets, "END_IF"]
+            resets = [f"IF reset OR NOT {self._begun} THEN", *self._resets, "END_IF;"]
         given = [
             f"{INDENT}value : LREAL; {comment(f'[{r.unit}]')}",
             f"{INDENT}outside : BOOL; {comment('TRUE: an argument lay beyond its range')}",
@@ -145,7 +145,7 @@ class FunctionBlock(Branches):
                 f"ELSIF NOT ({given} >= {low}) THEN",  # also what is not a number
                 f"{INDENT}{used} := {low};",
                 f"{INDENT}outside := TRUE;",
-                "END_IF",
+                "END_IF;",
             )
 
     def _unreadable(self, a: Argument, given: str) -> str:
@@ -171,7 +171,7 @@ class FunctionBlock(Branches):
         """No number where an argument is none."""
         for a, given in zip(self.routine.arguments, self.inputs):
             self._say(
-                f"IF {self._unreadable(a, given)} THEN", f"{INDENT}value := {given};", "END_IF"
+                f"IF {self._unreadable(a, given)} THEN", f"{INDENT}value := {given};", "END_IF;"
             )
 
     # --------------------------------------------------------------------------- expressions
@@ -247,7 +247,7 @@ class FunctionBlock(Branches):
             case Filter():
                 self._filter(s)
             case Flag():
-                self._say(f"IF {self._condition(s)} THEN", f"{INDENT}outside := TRUE;", "END_IF")
+                self._say(f"IF {self._condition(s)} THEN", f"{INDENT}outside := TRUE;", "END_IF;")
 
     def _let(self, s: Let) -> None:
         name = self._temporary(s.name)
@@ -270,9 +270,9 @@ class FunctionBlock(Branches):
             f"{INDENT}{z} := {biases}[{i}];",
             f"{INDENT}FOR {j} := 0 TO {len(s.inputs) - 1} DO",
             f"{INDENT * 2}{z} := {z} + {weights}[{i}, {j}] * {taken}[{j}];",
-            f"{INDENT}END_FOR",
+            f"{INDENT}END_FOR;",
             *(INDENT + line for line in self._activated(s, z, f"{out}[{i}]")),
-            "END_FOR",
+            "END_FOR;",
         )
         self._known[s.name] = out
 
@@ -301,7 +301,7 @@ class FunctionBlock(Branches):
             f"{out} := (1.0 - {e}) / (1.0 + {e});",
             f"IF {z} < 0.0 THEN",
             f"{INDENT}{out} := -{out};",
-            "END_IF",
+            "END_IF;",
         ]
 
     def _solve(self, s: Solve) -> None:
@@ -321,11 +321,11 @@ class FunctionBlock(Branches):
             f"{INDENT}{low} := {place};",
             "ELSE",
             f"{INDENT}{high} := {place};",
-            "END_IF",
+            "END_IF;",
         )
         self._depth -= 1
         self._known = {**before, s.name: place}
-        self._say("END_FOR", f"{place} := 0.5 * ({low} + {high});")
+        self._say("END_FOR;", f"{place} := 0.5 * ({low} + {high});")
 
     def _filter(self, s: Filter) -> None:
         """The inputs of ``delay + 2`` samples go round in an array; the oldest acts ``late``."""
@@ -343,7 +343,7 @@ class FunctionBlock(Branches):
             self._resets += [
                 f"{INDENT}FOR {i} := 0 TO {length - 1} DO",
                 f"{INDENT * 2}{name}[{i}] := 0.0;",
-                f"{INDENT}END_FOR",
+                f"{INDENT}END_FOR;",
             ]
         self._resets.append(f"{INDENT}{at} := 0;")
         self._assign(f"{line}[{at}]", s.drive)
@@ -355,11 +355,11 @@ class FunctionBlock(Branches):
             f"{INDENT}{step}[{i}] := {late}[{i}] * {oldest} + {soon}[{i}] * {acting};",
             f"{INDENT}FOR {j} := 0 TO {n - 1} DO",
             f"{INDENT * 2}{step}[{i}] := {step}[{i}] + {change}[{i}, {j}] * {x}[{j}];",
-            f"{INDENT}END_FOR",
-            "END_FOR",
+            f"{INDENT}END_FOR;",
+            "END_FOR;",
             f"FOR {i} := 0 TO {n - 1} DO",
             f"{INDENT}{x}[{i}] := {x}[{i}] + {step}[{i}];",
-            "END_FOR",
+            "END_FOR;",
             f"{at} := ({at} + 1) MOD {size};",
         )
         self._known[s.name] = y

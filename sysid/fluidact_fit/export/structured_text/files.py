@@ -124,6 +124,6 @@ def _calls(b: FunctionBlock, block: str, kept: Sequence[str], vectors: Golden) -
         *wrapped(f"{block}({', '.join(given)});", 1),
         *wrapped(f"IF {test} THEN", 1),
         f"{INDENT * 2}failures := failures + 1;",
-        f"{INDENT}END_IF",
-        "END_FOR",
+        f"{INDENT}END_IF;",
+        "END_FOR;",
     ]
