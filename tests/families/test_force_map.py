@@ -20,9 +20,9 @@ from fluidact_fit.control import make_block
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation import network
 from fluidact_fit.estimation.motion_state import choose_dead_band, motion_state
+from fluidact_fit.estimation.scaled_network import ScaledNetwork
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.force_map.block import ForceMapBlock
-from fluidact_fit.families.force_map.equation import NetworkMap
 from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
 from fluidact_fit.family import Request, Simulated, Solution, Value, Variant
@@ -75,7 +75,7 @@ test_log.__test__ = False  # type: ignore[attr-defined]
 
 
 def force_map(values: Mapping[str, Value], x: FloatArray) -> FloatArray:
-    return NetworkMap.of(values)(x)
+    return ScaledNetwork.of(values)(x)
 
 
 def errors(target: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -204,13 +204,13 @@ def test_block_from_file(tmp_path: Path) -> None:
 def test_sizes_that_do_not_agree_are_refused() -> None:
     values = dict(fitted("command").solution.values)
     with pytest.raises(UsageError, match="input_offset has 1 entries"):
-        NetworkMap.of({**values, "input_offset": [0.0]})
-    with pytest.raises(UsageError, match="biases_1"):
-        NetworkMap.of({**values, "biases_1": [0.0]})
-    with pytest.raises(UsageError, match="weights_2 is for 1 units"):
-        NetworkMap.of({**values, "weights_2": [[1.0]]})
-    with pytest.raises(UsageError, match="differ in length"):
-        NetworkMap.of({**values, "weights_1": [[1.0, 2.0, 3.0], [1.0]]})
+        ScaledNetwork.of({**values, "input_offset": [0.0]})
+    with pytest.raises(UsageError, match=r"weights_1 has 5 x 3 entries, .* need 1 x 3"):
+        ScaledNetwork.of({**values, "biases_1": [0.0]})
+    with pytest.raises(UsageError, match=r"weights_2 has 1 x 1 entries, .* need 1 x 5"):
+        ScaledNetwork.of({**values, "weights_2": [[1.0]]})
+    with pytest.raises(UsageError, match="biases_2 has 2 entries"):
+        ScaledNetwork.of({**values, "weights_2": 2 * values["weights_2"], "biases_2": [0.0, 0.0]})
 
 
 @pytest.mark.parametrize("change", [lambda w: -w, lambda w: 1.05 * w, lambda w: 0.0])

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 
+from ..errors import UsageError
 from ..experiment import FloatArray
 from ..routines import Draft, Expression
-from .network import Network
+from .network import Activation, Network
+
+_SCALINGS = ("input_offset", "input_scale", "output_offset", "output_scale")
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,47 @@ class ScaledNetwork:
 
     network: Network
     scaling: Scaling
+
+    @classmethod
+    def of(
+        cls, values: Mapping[str, Any], activation: Activation = "relu", prefix: str = ""
+    ) -> Self:
+        """The network of a file, whose parameters have names as in :meth:`numbers`.
+
+        Raises
+        ------
+        UsageError
+            When the sizes of layers and scalings do not agree.
+        """
+
+        def array(name: str) -> FloatArray:
+            return np.asarray(values[prefix + name], dtype=float)
+
+        layers = [k for k in ("1", "2", "3") if f"{prefix}weights_{k}" in values]
+        weights, biases = (tuple(array(f"{n}_{k}") for k in layers) for n in ("weights", "biases"))
+        offset, scale, base, span = map(array, _SCALINGS)
+        widths = (weights[0].shape[1], *(b.size for b in biases))
+        due: dict[str, tuple[int, ...]] = {
+            "input_offset": widths[:1], "input_scale": widths[:1], f"biases_{layers[-1]}": (1,),
+            **{f"weights_{k}": ends[::-1] for k, ends in zip(layers, pairwise(widths))},
+        }  # fmt: skip
+        for name, shape in due.items():
+            if (found := array(name).shape) != shape:
+                sizes = [" x ".join(map(str, s)) for s in (found, shape)]
+                raise UsageError(
+                    f"{prefix}{name} has {sizes[0]} entries, and the others need {sizes[1]}"
+                )
+        return cls(
+            Network(weights, biases, activation), Scaling(offset, scale, base.item(), span.item())
+        )
+
+    def numbers(self) -> dict[str, Any]:
+        """Layers, ``weights_1`` with a row per unit, ``biases_1`` and so on, and scalings."""
+        net, s = self.network, self.scaling
+        out: dict[str, Any] = {}
+        for k, (w, b) in enumerate(zip(net.weights, net.biases), start=1):
+            out |= {f"weights_{k}": w.tolist(), f"biases_{k}": b.tolist()}
+        return out | dict(zip(_SCALINGS, (s.offset.tolist(), s.scale.tolist(), s.base, s.span)))
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Output ``(n,)`` for inputs ``(n, inputs)``, all in their own units."""

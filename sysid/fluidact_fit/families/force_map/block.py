@@ -13,13 +13,14 @@ import numpy.typing as npt
 
 from ...block import Block, Port, as_motion_state
 from ...errors import UsageError
+from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, FloatArray
 from ...family import Curve
 from ...parameters.document import ParameterDocument
 from ...routines import Argument, Draft, Expression, Routine, choose
 from ...specification import Variant
 from .data import held_state
-from .equation import NetworkMap, predict_runs
+from .equation import predict_runs
 from .options import ForceMapOptions
 
 
@@ -54,8 +55,8 @@ class ForceMapBlock(Block):
         return Port(self.options.driver, self._unit(self.options.driver))
 
     @cached_property
-    def _map(self) -> NetworkMap:
-        return NetworkMap.of(self.parameters, self.activation)
+    def _map(self) -> ScaledNetwork:
+        return ScaledNetwork.of(self.parameters, self.activation)
 
     def __call__(self, **values: npt.ArrayLike) -> float | FloatArray:
         """Command or force for the inputs by name [SI]; scalars or arrays of one shape.
@@ -64,7 +65,7 @@ class ForceMapBlock(Block):
         """
         self.watch(**values)
         x, shape = self._table(values)
-        y = self._map.predict(x, self.inputs)
+        y = self._map(x)
         return float(y[0]) if not shape else y.reshape(shape)
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
@@ -139,7 +140,7 @@ class ForceMapBlock(Block):
 
 
 def branch_curves(
-    network: NetworkMap, x: FloatArray, names: Sequence[str], source: str
+    network: ScaledNetwork, x: FloatArray, names: Sequence[str], source: str
 ) -> list[Curve]:
     """Both branches at the lowest and the highest position, all other inputs at their means."""
     middle: dict[str, npt.ArrayLike] = dict(zip(names, x.mean(axis=0)))

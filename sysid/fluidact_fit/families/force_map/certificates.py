@@ -14,26 +14,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import Notice
 from ...estimation.network import Network
+from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import FloatArray
 from .data import Data, state_column
-from .equation import NetworkMap
 
 ENUMERATED = 8  # hidden units up to which the regions are enumerated
 _NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
 
 
-@dataclass(frozen=True)
-class Region:
-    """A part of the box in which a ReLU network is affine.
+class Region(NamedTuple):
+    """Part of a box in which a ReLU network is affine, standardised.
 
-    ``pattern`` says which units are active, ``inside`` is a point of the region and
-    ``gradient`` the derivative of the output there, all standardised.
+    ``pattern`` says which units are active, ``inside`` is a point of it.
     """
 
     pattern: tuple[bool, ...]
@@ -95,81 +93,68 @@ def _point_inside(
 
 @dataclass(frozen=True)
 class Certificate:
-    """Range of the slopes of a network inside the data's box, per input [SI].
+    """Range of the slopes of a network by each input inside the data's box ``(2, inputs)`` [SI].
 
-    ``regions`` were enumerated; ``worst`` is a point of the smallest slope of each input.
+    ``low`` and ``high`` have shape ``(inputs,)``. ``fault`` is a point of the smallest slope by the
+    input ``source`` that the output has to rise with, where it falls somewhere.
     """
 
     names: tuple[str, ...]
+    source: str
+    box: FloatArray
     low: FloatArray
     high: FloatArray
-    worst: FloatArray
     regions: int
+    fault: dict[str, float] | None
 
-    def monotone(self, name: str) -> bool:
-        """Return whether the output rises with an input everywhere in the box."""
-        return name not in self.names or bool(self.low[self.names.index(name)] >= 0.0)
+    @classmethod
+    def of(cls, network: ScaledNetwork, data: Data, source: str) -> Certificate | None:
+        """The certificate for each motion state; ``None`` of a network with too many regions."""
+        net, s, x = network.network, network.scaling, data.x[data.used]
+        if net.activation != "relu" or len(net.weights) != 2 or net.hidden[0] > ENUMERATED:
+            return None
+        box, held = np.array([x.min(axis=0), x.max(axis=0)]), np.zeros(x.shape[1], dtype=bool)
+        states = np.zeros(1)
+        if (state := state_column(data.names)) is not None:
+            held[state], states = True, np.unique(x[:, state])
+        regions = [
+            region for at in states
+            for region in activation_regions(net, *s.inputs(np.where(held, at, box)))
+        ]  # fmt: skip
+        slopes = np.array([r.gradient for r in regions]) * (s.span / s.scale)
+        low, high, fault = slopes.min(axis=0), slopes.max(axis=0), None
+        if source in data.names and low[k := data.names.index(source)] < 0.0:
+            worst = regions[slopes[:, k].argmin()].inside * s.scale + s.offset
+            fault = dict(zip(data.names, worst.tolist()))
+        return cls(data.names, source, box, low, high, len(regions), fault)
 
+    def details(self) -> dict[str, Any]:
+        """The certificate for the file."""
+        slopes = dict(zip(self.names, np.column_stack((self.low, self.high)).tolist()))
+        slopes.pop("direction", None)
+        out: dict[str, Any] = {
+            "method": f"{self.regions} activation regions enumerated",
+            "exact": True,
+            "inside": dict(zip(self.names, self.box.T.tolist())),
+            "slopes": slopes,
+        }
+        if self.source in self.names:
+            out["rises_with"] = {"input": self.source, "certified": self.fault is None}
+        if self.fault:
+            out["rises_with"]["violated_at"] = self.fault
+        return out
 
-def is_enumerable(net: Network) -> bool:
-    """Return whether all regions in which a network is affine can be gone through."""
-    return net.activation == "relu" and len(net.weights) == 2 and net.hidden[0] <= ENUMERATED
-
-
-def certify(network: NetworkMap, data: Data) -> Certificate:
-    """Bound the slopes of an enumerable network for each motion state inside the data's box."""
-    net, s, x = network.network, network.scaling, data.x[data.used]
-    boxes = [(s.inputs(x.min(axis=0)), s.inputs(x.max(axis=0)))]
-    state = state_column(data.names)
-    if state is not None:
-        held = np.arange(x.shape[1]) == state
-        boxes = [
-            (np.where(held, at, boxes[0][0]), np.where(held, at, boxes[0][1]))
-            for at in np.unique(x[:, state])
-        ]
-    regions = [r for low, high in boxes for r in activation_regions(net, low, high)]
-    slopes = np.array([r.gradient for r in regions]) * (s.span / s.scale)
-    points = np.array([r.inside for r in regions]) * s.scale + s.offset
-    worst = points[slopes.argmin(axis=0)]
-    return Certificate(data.names, slopes.min(axis=0), slopes.max(axis=0), worst, len(regions))
-
-
-def certificate_details(c: Certificate | None, data: Data, source: str) -> dict[str, Any]:
-    """The certificate for the file; nothing is certified of a network that is too large."""
-    if c is None:
-        return {"exact": False}
-    x = data.x[data.used]
-    ends = np.column_stack((x.min(axis=0), x.max(axis=0))).tolist()
-    slopes = dict(zip(c.names, np.column_stack((c.low, c.high)).tolist()))
-    slopes.pop("direction", None)
-    out: dict[str, Any] = {
-        "method": f"{c.regions} activation regions enumerated",
-        "exact": True,
-        "inside": dict(zip(data.names, ends)),
-        "slopes": slopes,
-    }
-    if source in c.names:
-        out["rises_with"] = {"input": source, "certified": c.monotone(source)}
-        if not c.monotone(source):
-            worst = c.worst[c.names.index(source)]
-            out["rises_with"]["violated_at"] = dict(zip(c.names, worst.tolist()))
-    return out
-
-
-def certificate_notice(
-    c: Certificate | None, data: Data, source: str, target: str
-) -> Iterator[Notice]:
-    """Warn of a certified place where the output falls with what it has to rise with."""
-    if c is None or c.monotone(source):
-        return
-    k = c.names.index(source)
-    where = ", ".join(
-        f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in zip(c.names, c.worst[k], data.units)
-    )
-    yield Notice(
-        "not-monotone",
-        f"inside the data's range the {target} falls with rising {source} somewhere, by "
-        f"{-c.low[k]:.3g} per unit of the {source}: at {where}. A loop closed over it would "
-        "have the wrong sign there. Give other --hidden units or another --seed, or record "
-        "more data around it.",
-    )
+    def notices(self, target: str, units: tuple[str, ...]) -> Iterator[Notice]:
+        """Warn of a place where the ``target`` falls with what it has to rise with."""
+        if not self.fault:
+            return
+        where = ", ".join(
+            f"{n} {v:.4g} {u}".removesuffix(" 1") for (n, v), u in zip(self.fault.items(), units)
+        )
+        yield Notice(
+            "not-monotone",
+            f"inside the data's range the {target} falls with rising {self.source} somewhere, by "
+            f"{-self.low[self.names.index(self.source)]:.3g} per unit of the {self.source}: at "
+            f"{where}. A loop closed over it would have the wrong sign there. Give other --hidden "
+            "units or another --seed, or record more data around it.",
+        )

@@ -28,7 +28,7 @@ class Data:
     """All logs in one table.
 
     ``x`` has shape ``(n, inputs)``, all others ``(n,)`` [SI]. ``used`` marks what is fitted,
-    ``settled`` what lies well within a branch; at ``cuts`` another experiment begins.
+    ``settled`` what lies well within a branch.
     """
 
     names: tuple[str, ...]
@@ -40,7 +40,6 @@ class Data:
     settled: BoolArray
     position: FloatArray
     log: npt.NDArray[np.intp]
-    cuts: npt.NDArray[np.intp]
 
     @cached_property
     def levels(self) -> npt.NDArray[np.intp]:
@@ -69,37 +68,28 @@ def settle_dead_bands(
 ) -> ForceMapOptions:
     """Changes of command and force that are no noise in any log, where a log's own state lacks."""
     apart = [e for e in experiments if "direction" not in e]
-    if not apart:
-        return options
-
-    def largest(role: str) -> float:
-        return max(choose_dead_band(column_of(e, role)) for e in apart)
-
-    command, force = options.dead_band, options.force_dead_band
-    return replace(
-        options,
-        dead_band=largest("command") if command is None else command,
-        force_dead_band=largest("force") if force is None else force,
-    )
+    bands = {"command": options.dead_band, "force": options.force_dead_band}
+    for role in (role for role, band in bands.items() if band is None and apart):
+        bands[role] = max(choose_dead_band(column_of(e, role)) for e in apart)
+    return replace(options, dead_band=bands["command"], force_dead_band=bands["force"])
 
 
 def gather(
     experiments: Sequence[Experiment], names: tuple[str, ...], options: ForceMapOptions
 ) -> Data:
     """All logs in one table, with the motion state of every sample."""
-    sizes = [e.samples for e in experiments]
     directions, settled = zip(*(branch_of(e, options) for e in experiments))
     table = np.vstack([input_table(e, names, options) for e in experiments])
-    y = np.concatenate([column_of(e, options.target) for e in experiments])
-    units = tuple(
-        "m/s" if n == "velocity" and n not in experiments[0] else
-        "1" if n == "direction" else experiments[0].signals[n].unit for n in names
-    )  # fmt: skip
+    y, position = (
+        np.concatenate([column_of(e, role) for e in experiments])
+        for role in (options.target, "position")
+    )
+    computed = {"velocity": "m/s", "direction": "1"}
+    units = tuple(experiments[0].units.get(n) or computed[n] for n in names)
     return Data(
         names, units, table, y, is_known(table, names) & np.isfinite(y),
-        np.concatenate(directions), np.concatenate(settled),
-        np.concatenate([column_of(e, "position") for e in experiments]),
-        np.repeat([e.log for e in experiments], sizes), np.cumsum(sizes)[:-1],
+        np.concatenate(directions), np.concatenate(settled), position,
+        np.repeat([e.log for e in experiments], [e.samples for e in experiments]),
     )  # fmt: skip
 
 

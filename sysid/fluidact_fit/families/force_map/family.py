@@ -32,6 +32,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...estimation.named_model import check_request
+from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, Hold
 from ...family import (
     Family,
@@ -48,9 +49,9 @@ from ...family import (
     make_solution,
 )
 from .block import ForceMapBlock, branch_curves
-from .certificates import certificate_details, certificate_notice, certify, is_enumerable
+from .certificates import Certificate
 from .data import column_of, data_notices, input_table
-from .equation import NetworkMap, checksums, predict_runs
+from .equation import checksums, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
 from .training import file_parameters, fit_details, fit_network, training_notices
 
@@ -111,7 +112,7 @@ class ForceMap(Family[ForceMapOptions]):
                 remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
             )
         fit, options = fit_network(experiments, request)
-        certificate = certify(fit.map, fit.data) if is_enumerable(fit.map.network) else None
+        found = Certificate.of(fit.map, fit.data, options.driver)
         return make_solution(
             self.simulate,
             experiments,
@@ -122,12 +123,12 @@ class ForceMap(Family[ForceMapOptions]):
             NoiseModel(np.zeros((0, 0))),
             notices=[
                 *data_notices(fit.data),
-                *certificate_notice(certificate, fit.data, options.driver, options.target),
+                *(found.notices(options.target, fit.data.units) if found else ()),
                 *training_notices(fit),
             ],
             details={
-                **fit_details(fit, options),
-                "certificate": certificate_details(certificate, fit.data, options.driver),
+                **fit_details(fit),
+                "certificate": found.details() if found else {"exact": False},
             },
         )
 
@@ -138,7 +139,7 @@ class ForceMap(Family[ForceMapOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Command or force from the inputs; see :meth:`Family.simulate`."""
-        network = NetworkMap.of(plant.values, plant.options.activation)
+        network = ScaledNetwork.of(plant.values, plant.options.activation)
         return predict_runs(network, experiments, plant.options)
 
     def model(
@@ -146,7 +147,7 @@ class ForceMap(Family[ForceMapOptions]):
     ) -> dict[str, Any]:
         """The size of the network, and checksums of the weights and scalings."""
         options = plant.options
-        net = NetworkMap.of(plant.values, options.activation).network
+        net = ScaledNetwork.of(plant.values, options.activation).network
         if len(options.names) != net.inputs:
             raise UsageError(
                 f"weights_1 is for {net.inputs} inputs, and the options name {options.inputs}"
@@ -164,6 +165,7 @@ class ForceMap(Family[ForceMapOptions]):
         """Output over command or force, with the branches at the outermost positions."""
         options = plant.options
         names, target = options.names, options.target
+        network = ScaledNetwork.of(plant.values, options.activation)
         source = options.driver if options.driver in names else names[0]
         x = np.vstack([input_table(e, names, options) for e, _ in runs])
         used = np.concatenate([s.used for _, s in runs if s.used is not None])
@@ -173,7 +175,7 @@ class ForceMap(Family[ForceMapOptions]):
             target, signals[target].unit,
             x[:, names.index(source)], np.concatenate([column_of(e, target) for e, _ in runs]),
             np.concatenate([s.output for _, s in runs]), used,
-            branch_curves(NetworkMap.of(plant.values, options.activation), x[used], names, source),
+            branch_curves(network, x[used], names, source),
         )  # fmt: skip
 
     def block(self, variant: Variant, document: ParameterDocument) -> ForceMapBlock:

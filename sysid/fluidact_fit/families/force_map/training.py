@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -20,12 +20,12 @@ from ...estimation.map import (
 from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
 from ...estimation.noise import noise_floor
 from ...estimation.robust_weights import SPIKE
-from ...estimation.scaled_network import Scaling
+from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request, Simulated
-from .certificates import ENUMERATED, certify, is_enumerable
-from .data import Data, check_data, gather, is_known, settle_dead_bands, state_column
-from .equation import NetworkMap, predict_runs
+from .certificates import ENUMERATED, Certificate
+from .data import Data, check_data, gather, settle_dead_bands, state_column
+from .equation import predict_runs
 from .options import ForceMapOptions, default_inputs
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
@@ -66,17 +66,24 @@ class Rows:
         """Gather, check, standardise and split the used rows."""
         data = gather(experiments, names, request.options)
         check_data(data, request.options)
-        x, y = data.x[data.used], data.y[data.used]
+        x, y, length = data.x[data.used], data.y[data.used], None
+        if "length" in names and all(np.ptp(e["length"]) == 0.0 for e in experiments):
+            column = names.index("length")
+            length = column if 2 <= np.unique(x[:, column]).size <= _MOST_LENGTHS else None
         # 1 and -1 of a motion state are of order one, and stay readable
         s, split = Scaling.of(x, y, kept=state_column(names)), _split(data, request.seed)
-        return cls(data, s, s.inputs(x), s.output(y), *split, _length_column(data), request)
+        return cls(data, s, s.inputs(x), s.output(y), *split, length, request)
+
+    @property
+    def lengths(self) -> int:
+        """Number of lengths that name specimens."""
+        return 0 if self.length is None else np.unique(self.x[:, self.length]).size
 
     def chords(self, x: FloatArray) -> Chords | None:
         """Chords along the length, for some of the rows: an odd one of few would bend the map."""
         if self.length is None:
             return None
-        few = np.unique(self.x[:, self.length]).size <= 3
-        return Chords.along(x, self.length, _STRAIGHT[int(few)])
+        return Chords.along(x, self.length, _STRAIGHT[int(self.lengths <= 3)])
 
     def held_out(self, hidden: tuple[int, ...]) -> FloatArray:
         """Errors on rows that were not trained, by short searches, shape ``(n,)``."""
@@ -117,46 +124,6 @@ def _split(data: Data, seed: int) -> tuple[Index, str, int]:
     return interior_folds(labels, inner, 4, seed), by, inner.size
 
 
-def _positions_held_out(data: Data) -> bool:
-    """Return whether positions between others were recorded, so that some can be held out.
-
-    A position that moves all the time is as good as many; one that only shows its noise is one.
-    """
-    position = data.position[data.used]
-    highest = int(data.levels.max())
-    floor = max(noise_floor(position, 1, robust=False), 1e-300)
-    return highest >= 2 or (highest == 0 and float(np.ptp(position)) > 20.0 * floor)
-
-
-def _untested_gap(data: Data) -> tuple[float, float] | None:
-    """Ends of the widest gap between positions [m], if the map was tested over none like it.
-
-    Compared are distances to what was trained: of the middle of the gap, and of the most remote
-    sample of a level that was held out.
-    """
-    position = data.position[data.used]
-    highest = int(data.levels.max())
-    if highest < 2:
-        return None
-    parts = [position[data.levels == k] for k in range(highest + 1)]
-    low, high = np.array([p.min() for p in parts]), np.array([p.max() for p in parts])
-    gaps = low[1:] - high[:-1]
-    widest = int(np.argmax(gaps))
-    below, above = high[:-2], low[2:]  # what is left beside a level that is held out
-    remote = np.clip(0.5 * (below + above), low[1:-1], high[1:-1])
-    tested = float(np.minimum(remote - below, above - remote).max())
-    return (high[widest], low[widest + 1]) if 0.5 * gaps[widest] > tested else None
-
-
-def _length_column(data: Data) -> int | None:
-    """Column of a length that names the specimens; ``None`` where there is none."""
-    if "length" not in data.names:
-        return None
-    k = data.names.index("length")
-    fixed = all(np.ptp(part) == 0.0 for part in np.split(data.x[:, k], data.cuts))
-    return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
-
-
 # ------------------------------------------------------------------------ choice and training
 
 
@@ -170,12 +137,11 @@ class Fit:
     """
 
     data: Data
-    map: NetworkMap
+    map: ScaledNetwork
     rows: Rows
     error: FloatArray
     found: Search
     predicted: FloatArray
-    iterations: int
     tables: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -197,7 +163,12 @@ def fit_network(
         units, tables["hidden_units"] = _choose_units(rows)
     options = replace(options, inputs=",".join(rows.data.names), hidden=",".join(map(str, units)))
     error = rows.held_out(units)
-    return _train(experiments, rows, units, replace(request, options=options), error, tables)
+    request.progress(f"training {len(rows.data.names)}-{'-'.join(map(str, units))}-1")
+    found, best = _train(rows, units, options, experiments)
+    runs = predict_runs(best, experiments, options)
+    output = np.concatenate([r.output for r in runs])
+    data = replace(rows.data, used=_described(runs))
+    return Fit(data, best, rows, error, found, output, tables), options
 
 
 def _choose_units(rows: Rows) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
@@ -222,13 +193,10 @@ def _choose_units(rows: Rows) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
 
 
 def _train(
-    experiments: Sequence[Experiment], rows: Rows, hidden: tuple[int, ...],
-    request: Request[ForceMapOptions], error: FloatArray, tables: dict[str, Any],
-) -> tuple[Fit, ForceMapOptions]:  # fmt: skip
-    """Train the final network on all used rows, spikes left out."""
-    options, data, s = request.options, rows.data, rows.scaling
-    request.progress(f"training {len(data.names)}-{'-'.join(map(str, hidden))}-1")
-    chords = rows.chords(rows.x)
+    rows: Rows, hidden: tuple[int, ...], options: ForceMapOptions, experiments: Sequence[Experiment]
+) -> tuple[Search, ScaledNetwork]:
+    """Train on all used rows, then a little on without spikes; of equal optima a monotone one."""
+    s, chords = rows.scaling, rows.chords(rows.x)
     # a larger network has more to tell apart, and more optima nearly as good
     weights = sum(hidden) * (rows.x.shape[1] + 1)
     training = Training(
@@ -236,31 +204,22 @@ def _train(
         rows=int(np.clip(100 * weights, 3000, 8000)),
         finalists=3 if sum(hidden) <= ENUMERATED else 6,
     )  # fmt: skip
-    found = search(rows.x, rows.y, training, np.random.default_rng([request.seed, 7]), chords)
-    best = _choose_candidate(found, rows, options.driver)
+    rng = np.random.default_rng([rows.request.seed, 7])
+    found = search(rows.x, rows.y, training, rng, chords)
+    alike = [c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost]
+    maps = [ScaledNetwork(network, s) for network in alike]
+    marks = (Certificate.of(m, rows.data, options.driver) for m in maps)
+    best = next((m for m, c in zip(maps, marks) if c and not c.fault), maps[0])
     kept = _described(predict_runs(best, experiments, options))
     last = train_from(
-        best.network, s.inputs(data.x[kept]), s.output(data.y[kept]),
+        best.network, s.inputs(rows.data.x[kept]), s.output(rows.data.y[kept]),
         Cost(_DECAY, found.limit, chords), iterations=10, tolerance=1e-5,
     )  # fmt: skip
-    made = NetworkMap(last.network, s)
-    runs = predict_runs(made, experiments, options)
-    output = np.concatenate([r.output for r in runs])
-    data = replace(data, used=_described(runs))
-    return Fit(data, made, rows, error, found, output, last.iterations, tables), options
+    return found, ScaledNetwork(last.network, s)
 
 
 def _described(runs: Sequence[Simulated]) -> BoolArray:
     return np.concatenate([r.used for r in runs if r.used is not None])
-
-
-def _choose_candidate(found: Search, rows: Rows, source: str) -> NetworkMap:
-    """The best network; of nearly equal ones a monotone one."""
-    near = [c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost]
-    maps = [NetworkMap(net, rows.scaling) for net in near]
-    if not is_enumerable(near[0]):
-        return maps[0]
-    return next((m for m in maps if certify(m, rows.data).monotone(source)), maps[0])
 
 
 # ------------------------------------------------------------------------- what is said of it
@@ -278,82 +237,91 @@ def _clipped(error: FloatArray) -> FloatArray:
     return np.clip(error, -limit, limit)
 
 
-def training_notices(fit: Fit) -> list[Notice]:
-    """Warn of spikes, and of a held-out error that says little or that is large."""
-    data, rows, out = fit.data, fit.rows, []
+def training_notices(fit: Fit) -> Iterator[Notice]:
+    """Warn of spikes, of too few positions, and of a large held-out error."""
+    data, rows = fit.data, fit.rows
     if fit.spikes:
-        share = 100.0 * fit.spikes / (fit.spikes + int(data.used.sum()))
-        text = (
-            f"{fit.spikes} samples ({share:.2g} %) stand alone far off their neighbours: spikes "
-            "of the load cell. They were left out."
+        yield Notice(
+            "force-spikes",
+            f"{fit.spikes} samples ({100.0 * fit.spikes / rows.y.size:.2g} %) stand alone far off "
+            "their neighbours: spikes of the load cell. They were left out.",
         )
-        out.append(Notice("force-spikes", text))
-    if "position" in data.names and not _positions_held_out(data):
-        text = (
-            "no position between others was recorded, so that none could be held out: the "
-            "validation error is that of the recorded positions, and the map may be off by any "
-            "amount at others. Record at least five positions over the range in use, or leave "
-            "position out of --inputs and use the map where it was recorded."
-        )
-        out.append(Notice("few-positions", text))
-    if "position" in data.names and (gap := _untested_gap(data)) is not None:
-        text = (
-            f"no position between {gap[0]:.3g} and {gap[1]:.3g} m was recorded, and the map was "
-            "tested over no gap as wide: within it the map may be off by any amount. Record "
-            "positions in between."
-        )
-        out.append(Notice("few-positions", text))
-    if rows.length is not None and np.unique(rows.x[:, rows.length]).size < 3:
-        text = (
+    if "position" in data.names:
+        yield from _position_notices(data.position[data.used], data.levels)
+    if rows.lengths == 2:
+        yield Notice(
+            "few-positions",
             "only two lengths were recorded: between them the map is a straight line that nothing "
-            "has tested. Record at least one length in between."
+            "has tested. Record at least one length in between.",
         )
-        out.append(Notice("few-positions", text))
     held = rows.scaling.span * rms(_clipped(fit.error))
     here = rms(_clipped((data.y - fit.predicted)[data.used]))
     if held > _WORSE * here:
-        text = (
+        yield Notice(
+            "validation-worse",
             f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
             f"what it was trained on ({here:.3g}, SI): between the recorded positions expect the "
-            "former. Record more positions, or give fewer --hidden units."
+            "former. Record more positions, or give fewer --hidden units.",
         )
-        out.append(Notice("validation-worse", text))
-    return out
+
+
+def _position_notices(position: FloatArray, levels: Index) -> Iterator[Notice]:
+    """Warn where no position between others was recorded, or of an untested gap between two.
+
+    A position that moves all the time is as good as many; one that only shows its noise is one. Of
+    a gap the distance of its middle to what was trained is compared with that of the most remote
+    sample of a level that was held out.
+    """
+    highest = int(levels.max())
+    noise = max(noise_floor(position, 1, robust=False), 1e-300)
+    if highest == 1 or (highest == 0 and float(np.ptp(position)) <= 20.0 * noise):
+        yield Notice(
+            "few-positions",
+            "no position between others was recorded, so that none could be held out: the "
+            "validation error is that of the recorded positions, and the map may be off by any "
+            "amount at others. Record at least five positions over the range in use, or leave "
+            "position out of --inputs and use the map where it was recorded.",
+        )
+    if highest < 2:
+        return
+    parts = [position[levels == k] for k in range(highest + 1)]
+    low, high = np.array([(p.min(), p.max()) for p in parts]).T
+    below, above, gaps = high[:-2], low[2:], low[1:] - high[:-1]
+    remote = np.clip(0.5 * (below + above), low[1:-1], high[1:-1])
+    k = int(np.argmax(gaps))
+    if 0.5 * gaps[k] > np.minimum(remote - below, above - remote).max():
+        yield Notice(
+            "few-positions",
+            f"no position between {high[k]:.3g} and {low[k + 1]:.3g} m was recorded, and the map "
+            "was tested over no gap as wide: within it the map may be off by any amount. Record "
+            "positions in between.",
+        )
 
 
 def file_parameters(fit: Fit) -> dict[str, Quantity]:
     """Layers and scalings as they stand in the file."""
-    out: dict[str, Quantity] = {}
-    net, s, x = fit.map.network, fit.map.scaling, fit.data.x[fit.data.used]
-    for k, (w, b) in enumerate(zip(net.weights, net.biases), start=1):
-        out[f"weights_{k}"] = Quantity(w.tolist(), "1")
-        out[f"biases_{k}"] = Quantity(b.tolist(), "1")
-    for name, value in (
-        ("input_offset", s.offset.tolist()), ("input_scale", s.scale.tolist()),
-        ("input_low", x.min(axis=0).tolist()), ("input_high", x.max(axis=0).tolist()),
-        ("output_offset", s.base), ("output_scale", s.span),
-    ):  # fmt: skip
-        out[name] = Quantity(value, "1", "derived")
-    return out
+    x = fit.data.x[fit.data.used]
+    ends = {"input_low": x.min(axis=0).tolist(), "input_high": x.max(axis=0).tolist()}
+    return {
+        name: Quantity(value, "1", "estimated" if name[-2:-1] == "_" else "derived")
+        for name, value in (fit.map.numbers() | ends).items()
+    }
 
 
-def fit_details(fit: Fit, options: ForceMapOptions) -> dict[str, Any]:
+def fit_details(fit: Fit) -> dict[str, Any]:
     """Training and errors for the file."""
     data, net, rows = fit.data, fit.map.network, fit.rows
     held = np.full(data.y.size, np.nan)
-    held[is_known(data.x, data.names) & np.isfinite(data.y)] = rows.scaling.span * fit.error
+    held[rows.data.used] = rows.scaling.span * fit.error
     return {
-        "target": options.target,
         "inputs": list(data.names),
         "input_units": list(data.units),
         "hidden": list(net.hidden),
-        "activation": net.activation,
         "network_parameters": net.parameters,
         "multiplications": net.multiplications,
         "training": {
             "starts": fit.found.tried,
             "huber_limit": fit.found.limit * rows.scaling.span,
-            "iterations": fit.iterations,
         },
         "spikes": fit.spikes,
         "correlation": float(np.corrcoef(data.y[data.used], fit.predicted[data.used])[0, 1]),

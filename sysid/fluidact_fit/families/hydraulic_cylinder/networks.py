@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.named_model import Values
-from ...estimation.network import Network, Training, search
+from ...estimation.network import Training, search
 from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import BoolArray, FloatArray
 from ...family import Curve, PhysicsView, Quantity, Value, scalars
@@ -36,21 +36,11 @@ def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Sc
     return ScaledNetwork(search(x, y, Training((hidden,), starts=8), rng).best.network, scaling)
 
 
-def _layers_of(net: ScaledNetwork) -> list[FloatArray]:
-    """Numbers of a network as they stand in the file, in the order of :data:`LAYERS`."""
-    (w1, w2), (b1, b2), s = net.network.weights, net.network.biases, net.scaling
-    return [w1, b1, w2, b2, s.offset, s.scale, np.array([s.base]), np.array([s.span])]
-
-
 def network_of(parameters: Mapping[str, Any], name: str) -> ScaledNetwork | None:
     """Read a network back from the parameters of a file; ``None`` when there is none."""
     if f"{name}_weights_1" not in parameters:
         return None
-    w1, b1, w2, b2, offset, scale, base, span = (
-        np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in LAYERS
-    )
-    scaling = Scaling(offset, scale, float(base[0]), float(span[0]))
-    return ScaledNetwork(Network((w1, w2), (b1, b2)), scaling)
+    return ScaledNetwork.of(parameters, prefix=f"{name}_")
 
 
 def fit_networks(setup: Setup, values: Values) -> tuple[dict[str, Quantity], dict[str, Any]]:
@@ -72,9 +62,9 @@ def fit_networks(setup: Setup, values: Values) -> tuple[dict[str, Quantity], dic
         nets["friction"], table = _friction_network(setup, values)
         tables["Friction: models on held-out windows"] = table
     layers = {
-        f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
+        f"{name}_{layer}": Quantity(np.atleast_1d(numbers).tolist(), "1", "estimated")
         for name, net in nets.items()
-        for layer, numbers in zip(LAYERS, _layers_of(net))
+        for layer, numbers in net.numbers().items()
     }
     return layers, {title: table for title, table in tables.items() if table}
 
