@@ -12,25 +12,20 @@ import numpy as np
 
 from .alignment import Estimates, align
 from .assessment.policy import FIT_WEAK
-from .errors import LogError, MismatchError, Notice, NotIdentifiedError, UsageError, in_python
-from .experiment import Experiment
+from .document_assembly import limits_of
+from .errors import MismatchError, Notice, NotIdentifiedError, UsageError, in_python
 from .families import get_family
-from .family import Quantity, Variant
+from .family import Quantity
 from .fitting import refit
 from .logs import Log, LogLike, Reading
-from .outcome import Simulation
 from .parameter_table import recorded_units
 from .parameters.document import ParameterDocument
-from .parameters.draws import draw_document
 from .presentation import ParametersLike, document_of, weak_file
 from .recall import open_as_fitted, recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
 from .tables import Table, format_number, format_spread, percent_text
 from .units import after_number, display_unit
 
-RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
-_SPREADS = 2.0  # of what the errors of the file's parameters do to the output, rms
-_DRAWS = 16
 MOST_STD_ERRORS = 4.0
 LEAST_RELATIVE = 0.02
 
@@ -239,10 +234,9 @@ def check_logs(
     the file, and the others compared with these held; the errors of the difference are then those
     of both, with what the file does not know of the parameters held.
 
-    It no longer ``fits`` when the file's own verdict is ``fail``, the rmse of a run is above
-    ``RMSE_FACTOR`` times that of the file, or of the noisiest of its logs, plus one resolution step
-    of the output, and above what the errors of the file's parameters explain, or a parameter moved
-    by more than ``MOST_STD_ERRORS`` combined standard errors and by more than ``LEAST_RELATIVE``.
+    It no longer ``fits`` when the file's own verdict is ``fail``, the rmse of a run is above its
+    limit (:func:`.limits_of`), or a parameter moved by more than ``MOST_STD_ERRORS`` combined
+    standard errors and by more than ``LEAST_RELATIVE``.
     Parameters that depend on what a log covered are compared over what is common.
 
     Raises
@@ -273,9 +267,12 @@ def check_logs(
             text = " ".join(f"{error.what} {error.remedy}".split())
             message = f"only the simulation was compared, not the parameters: {text}"
             notices.append(Notice("not-compared", message))
-    checks = tuple(_check_log(document, s, variant) for s in simulations)
-    if not all(c.within for c in checks):
-        checks = _allow_for_errors(document, runs, simulations, checks)
+    unit = simulations[0].experiment.signals[variant.output.name].unit if simulations else ""
+    checks = tuple(
+        LogCheck(s.experiment.name, s.agreement.samples, s.rmse, limit, unit,
+                 s.agreement.fit_percent, s.rmse <= limit, spread)
+        for s, (limit, spread) in zip(simulations, limits_of(document, simulations))
+    )  # fmt: skip
     notices += _uncertain(checks, bool(drifts))
     if not drifts and not any(c.samples for c in checks):
         _refuse_empty(checks)
@@ -284,45 +281,6 @@ def check_logs(
     return Check(
         document.family, not reasons, reasons, checks, drifts, tuple(dict.fromkeys(notices)), units
     )
-
-
-def _check_log(document: ParameterDocument, simulation: Simulation, variant: Variant) -> LogCheck:
-    """Compare one run over the samples that the model claims to describe."""
-    found = simulation.agreement
-    signal = simulation.experiment.signals[variant.output.name]
-    # the noisiest log that the file was fitted to is one of the machine
-    fitted = (log.rmse.value for log in document.fit.logs if log.rmse is not None)
-    limit = RMSE_FACTOR * max([document.fit.rmse.value, *fitted]) + signal.resolution
-    return LogCheck(simulation.experiment.name, found.samples, found.rmse, limit, signal.unit,
-                    found.fit_percent, found.rmse <= limit)  # fmt: skip
-
-
-def _allow_for_errors(
-    document: ParameterDocument,
-    runs: Sequence[Experiment],
-    simulations: Sequence[Simulation],
-    checks: Sequence[LogCheck],
-) -> tuple[LogCheck, ...]:
-    """Add to the limits what parameters drawn from the file's covariance do to the output."""
-    variant, rng = variant_of(document), np.random.default_rng(0)
-    squares = np.zeros(len(checks))
-    for _ in range(_DRAWS):
-        try:
-            drawn = simulate_runs(draw_document(document, variant, rng), runs)
-        except LogError:
-            continue  # no finite motion: nothing that a machine does
-        for k, (now, other) in enumerate(zip(simulations, drawn)):
-            moved = (other.simulated - now.simulated)[np.isfinite(now.measured)]
-            moved = moved[np.isfinite(moved)]
-            squares[k] += np.mean(moved**2) / _DRAWS if moved.size else 0.0
-    out = []
-    for check, square in zip(checks, squares.tolist()):
-        if not check.within:
-            spread = math.sqrt(square)
-            limit = math.hypot(check.limit, _SPREADS * spread)
-            check = replace(check, limit=limit, spread=spread, within=check.rmse <= limit)
-        out.append(check)
-    return tuple(out)
 
 
 def _uncertain(checks: Sequence[LogCheck], compared: bool) -> list[Notice]:

@@ -19,8 +19,8 @@ from .assessment import (
     outlier_notice,
     residual_whiteness,
 )
-from .assessment.policy import FIT_POOR
-from .errors import Notice
+from .assessment.policy import FIT_POOR, LOG_MISSED, LOG_SPREADS
+from .errors import LogError, Notice
 from .experiment import Experiment, Hold, all_of, where_finite
 from .families import get_family
 from .family import (
@@ -35,10 +35,12 @@ from .family import (
 )
 from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
+from .parameters.draws import draw_document
 from .parameters.rounding import round_numbers
 from .version import __version__
 
 _NAMED = 5  # logs of a message
+_DRAWS = 16
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,55 @@ class FitContext:
         """Simulate runs that were not fitted."""
         found = self.family.simulate(self.plant, others, self.offset)
         return pair(others, found, self.variant, self.fitted[0].level)
+
+
+def limits_of(document: ParameterDocument, runs: Sequence[Simulation]) -> list[tuple[float, float]]:
+    """Limits of the rmse of runs that were not fitted, and what parameters do to them [SI].
+
+    A limit is ``LOG_MISSED`` times the rmse of the noisiest log that was fitted, plus one step of
+    the output. Where a run is above it the second number is what the errors of the parameters do to
+    its output (RMS), which the limit then allows for; else 0.
+    """
+    family = get_family(document.family)
+    variant, rng = family.variant(document.variant), np.random.default_rng(0)
+    output, offset = variant.output.name, document.model.get("output_offset")
+    fitted = [document.fit.rmse, *(log.rmse for log in document.fit.logs)]
+    noise = LOG_MISSED * max(rmse.value for rmse in fitted if rmse is not None)
+    limits = [noise + s.experiment.signals[output].resolution for s in runs]
+    far = [s for s, limit in zip(runs, limits) if s.rmse > limit]
+    squares = dict.fromkeys(map(id, far), 0.0)
+    for _ in range(_DRAWS if far else 0):
+        plant = draw_document(document, variant, rng).plant(family)
+        try:
+            drawn = family.simulate(plant, [s.experiment for s in far], offset)
+        except (LogError, np.linalg.LinAlgError, ArithmeticError):
+            continue  # no finite motion: nothing that a machine does
+        for s, other in zip(far, drawn):
+            moved = (other.output - s.simulated)[np.isfinite(s.measured)]
+            moved = moved[np.isfinite(moved)]
+            squares[id(s)] += float(np.mean(moved**2)) / _DRAWS if moved.size else 0.0
+    spreads = [float(np.sqrt(squares.get(id(s), 0.0))) for s in runs]
+    return [(float(np.hypot(a, LOG_SPREADS * b)), b) for a, b in zip(limits, spreads)]
+
+
+def _missed_validation(document: ParameterDocument, runs: Sequence[Simulation]) -> list[Notice]:
+    """Warn of runs that were not fitted and are missed by more than any that was."""
+    limits = [limit for limit, _ in limits_of(document, runs)]
+    far = [(s.rmse, limit, s.experiment) for s, limit in zip(runs, limits) if s.rmse > limit]
+    if not far:
+        return []
+    rmse, limit, e = max(far, key=lambda entry: entry[0] / entry[1])
+    signal = e.signals[get_family(document.family).variant(document.variant).output.name]
+    more = f" ({e.name})" if len(far) > 1 else ""
+    return [
+        Notice(
+            "validation-missed",
+            f"{_named([e.name for *_, e in far])}: the model misses the output by "
+            f"{signal.text(rmse)} RMS{more}, for {signal.text(limit)} that the fitted logs and the "
+            "errors of the parameters explain. Check that columns, units and the state of the "
+            "machine are those of the fit, and that the log stays within the range that it covers.",
+        )
+    ]
 
 
 def make_parameter_document(
@@ -175,7 +226,13 @@ def make_parameter_document(
     }
     if not solution.names:
         del document["covariance"]
-    return make_document(document, get_family), every
+    made = make_document(document, get_family)
+    if missed := _missed_validation(made, validation):
+        every += missed
+        document["warnings"] = every
+        document["fit"]["verdict"] = "warn" if verdict == "pass" else verdict
+        made = make_document(document, get_family)
+    return made, every
 
 
 def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:
@@ -199,6 +256,10 @@ def _log_entry(s: Simulation, unit: str) -> dict[str, Any]:
     }
 
 
+def _named(logs: Sequence[str]) -> str:
+    return ", ".join(logs[:_NAMED]) + f" and {len(logs) - _NAMED} more" * (len(logs) > _NAMED)
+
+
 def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
     """Name the logs of which no sample was used."""
     used: dict[int, int] = {}
@@ -210,12 +271,11 @@ def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
     idle = [names[log] for log, count in used.items() if not count]
     if not idle:
         return []
-    some = ", ".join(idle[:_NAMED]) + f" and {len(idle) - _NAMED} more" * (len(idle) > _NAMED)
     return [
         Notice(
             "log-unused",
             f"{len(idle)} of {len(used)} logs have no sample that the model describes and add "
-            f"nothing to this fit: {some}.",
+            f"nothing to this fit: {_named(idle)}.",
         )
     ]
 

@@ -381,6 +381,11 @@ _JUDGEMENT = {
         "parameter that was not asked for), and it moves a parameter by more than its interval.",
         "Do what the message says: estimate or fix what is missing, or look for its cause.",
     ),
+    "validation-missed": _warning(
+        "A log of `--validate` is missed by far more than the logs that were fitted, and by "
+        "more than the errors of the parameters explain.",
+        "Check that it shows the same machine in the same state and range; fit it as well if so.",
+    ),
     "weak-file": _warning(
         "The parameter file that is checked or exported does not have the verdict `pass`.",
         "Look at the warnings in the file before you rely on its numbers; fit again without their "

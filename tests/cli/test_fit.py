@@ -236,6 +236,21 @@ def test_validation_is_judged_and_not_fitted(here: Run, valve: Log, inside: Path
     alone, judged = read_document("alone.yaml"), read_document("judged.yaml")
     assert alone.values() == judged.values()
     assert judged.validation[0].fit_percent < 90.0  # type: ignore[operator]
+    assert (alone.fit.verdict, judged.fit.verdict) == ("pass", "warn")
+    (said,) = (n.message for n in judged.warnings if n.code == "validation-missed")
+    assert said.startswith("b.csv: the model misses the output by ")
+    done = here("valve", "a.csv", "--validate", valve("c.csv", seed=6), "-o", "right.yaml")
+    assert read_document("right.yaml").fit.verdict == "pass"
+
+
+def test_many_missed_logs_are_one_warning(here: Run, valve: Log, inside: Path) -> None:
+    others = [valve(f"b{k}.csv", gain=1300.0 + 100.0 * k) for k in range(7)]
+    given = [word for other in others for word in ("--validate", other)]
+    assert here("valve", valve("a.csv"), *given, "-o", "judged.yaml").status == 0
+    found = read_document("judged.yaml").warnings
+    (said,) = (n.message for n in found if n.code == "validation-missed")
+    assert "b4.csv and 2 more: the model misses" in said
+    assert "RMS (b6.csv)" in said
 
 
 def test_controller_sample_time(here: Run, valve: Log, inside: Path) -> None:
