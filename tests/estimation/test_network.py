@@ -67,14 +67,14 @@ def test_training_finds_the_network_that_made_the_data() -> None:
     x = rng.uniform(-2.0, 2.0, (2000, 2))
     y = true(x)
     found = search(x, y / y.std(), Training((3,), decay=1e-9), np.random.default_rng(0))
-    error = y.std() * found.best.network(x) - y
+    error = y.std() * found[0].network(x) - y
     assert np.sqrt(np.mean(error**2)) < 0.02 * y.std()
 
 
 def test_training_is_deterministic() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
     y = np.abs(x[:, 0]) + x[:, 1]
-    one, two = (search(x, y, Training((4,)), np.random.default_rng(5)).best.network for _ in "ab")
+    one, two = (search(x, y, Training((4,)), np.random.default_rng(5))[0].network for _ in "ab")
     assert np.array_equal(one.vector(), two.vector())
 
 
@@ -85,7 +85,7 @@ def test_spikes_do_not_pull() -> None:
     y = clean + 0.01 * rng.standard_normal(3000)
     y[::100] += 20.0
     found = search(x, y, Training((2,)), np.random.default_rng(0))
-    assert np.sqrt(np.mean((found.best.network(x) - clean) ** 2)) < 0.05
+    assert np.sqrt(np.mean((found[0].network(x) - clean) ** 2)) < 0.05
 
 
 def chord_cost(chords: Chords, net: Network) -> float:
@@ -113,7 +113,7 @@ def test_chords_measure_the_deviation_from_a_straight_line() -> None:
 def test_chords_straighten_one_input_only() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 2))
     y = np.abs(x[:, 0]) + np.abs(x[:, 1])
-    start = search(x, y, Training((6,)), np.random.default_rng(0)).best.network
+    start = search(x, y, Training((6,)), np.random.default_rng(0))[0].network
     chords = Chords.along(x, 0, 100.0)
     found = train_from(start, x, y, Cost(1e-6, chords=chords))
     assert chord_cost(chords, found.network) < 1e-2 < chord_cost(chords, start)

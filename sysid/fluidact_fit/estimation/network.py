@@ -32,7 +32,7 @@ from .minimise import minimise
 Activation = Literal["relu", "tanh"]
 
 _BLOCK = 4096  # rows per block: their derivatives are a few megabytes
-_MANY = 40_000  # rows of the fit before the last
+_MANY = 40_000  # rows that the best searches end on
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
 
@@ -452,20 +452,6 @@ class Training:
     finalists: int = 3
 
 
-@dataclass(frozen=True)
-class Search:
-    """Result of a multi-start search: candidates, best first, and how many were tried."""
-
-    candidates: tuple[Trained, ...]
-    tried: int
-    limit: float
-
-    @property
-    def best(self) -> Trained:
-        """The candidate of least cost."""
-        return self.candidates[0]
-
-
 def thin(rows: int, most: int) -> npt.NDArray[np.intp]:
     """Evenly spaced row numbers, ``most`` at most."""
     return np.linspace(0, rows - 1, min(rows, most)).round().astype(np.intp)
@@ -477,8 +463,8 @@ def search(
     training: Training,
     rng: np.random.Generator,
     chords: Chords | None = None,
-) -> Search:
-    """Train from many starts on few rows, the best of them on many.
+) -> list[Trained]:
+    """Train from many starts on few rows, the best of them on many; the best one comes first.
 
     Parameters
     ----------
@@ -500,7 +486,7 @@ def search(
     limit = _HUBER * min(robust_deviation(ys - net(xs)) for net in sharp)
     robust = replace(cost, limit=limit)
     polished = [train_from(net, x[many], y[many], robust, 3 * steps, 1e-5) for net in sharp]
-    return Search(tuple(sorted(polished, key=lambda t: t.cost)), training.starts, limit)
+    return sorted(polished, key=lambda t: t.cost)
 
 
 def _sharpen(net: Network, x: FloatArray, y: FloatArray, cost: Cost, iterations: int) -> Network:

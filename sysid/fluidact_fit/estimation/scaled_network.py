@@ -116,3 +116,19 @@ class ScaledNetwork:
             last = k == len(net.weights)
             layer = draft.layer(f"layer_{k}", w, b, layer, "linear" if last else net.activation)
         return layer[0]
+
+
+def checksums(values: Mapping[str, Any]) -> dict[str, float | list[float]]:
+    """Numbers that change with every entry of the parameters, its sign and its place.
+
+    Of lists sums of the positive and of the negative entries, later ones weighing more.
+    """
+    out: dict[str, float | list[float]] = {}
+    for name, value in values.items():
+        if not isinstance(value, list):
+            out[name] = value
+            continue
+        flat = np.asarray(value, dtype=float).ravel()
+        weight = 1.0 + np.arange(flat.size) / flat.size
+        out[name] = [float(weight @ np.maximum(sign * flat, 0.0)) for sign in (1.0, -1.0)]
+    return out

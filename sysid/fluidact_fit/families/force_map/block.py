@@ -19,8 +19,7 @@ from ...family import Curve
 from ...parameters.document import ParameterDocument
 from ...routines import Argument, Draft, Expression, Routine, choose
 from ...specification import Variant
-from .data import held_state
-from .equation import predict_runs
+from .data import held_state, predict_runs
 from .options import ForceMapOptions
 
 
@@ -143,19 +142,17 @@ def branch_curves(
     network: ScaledNetwork, x: FloatArray, names: Sequence[str], source: str
 ) -> list[Curve]:
     """Both branches at the lowest and the highest position, all other inputs at their means."""
-    middle: dict[str, npt.ArrayLike] = dict(zip(names, x.mean(axis=0)))
-    along = np.linspace(x[:, names.index(source)].min(), x[:, names.index(source)].max(), 200)
-    ends: dict[str, dict[str, float]] = {"": {}}
-    if "position" in names:
-        p = x[:, names.index("position")]
-        ends = {"low position": {"position": p.min()}, "high position": {"position": p.max()}}
-    states: dict[str, dict[str, float]] = {"": {}}
-    if "direction" in names:
-        states = {"loading": {"direction": 1.0}, "unloading": {"direction": -1.0}}
-    out = []
-    for (place, end), (branch, state) in product(ends.items(), states.items()):
-        held = middle | {source: along} | end | state
-        table = np.column_stack(np.broadcast_arrays(along, *(held[n] for n in names))[1:])
-        label = ", ".join(w for w in (branch, place) if w) or "network"
-        out.append(Curve(label, along, network(table)))
-    return out
+    low, high, k = x.min(axis=0), x.max(axis=0), names.index(source)
+    along, columns = np.linspace(low[k], high[k], 200), np.arange(x.shape[1])
+    tables = {"": np.where(columns == k, along[:, None], x.mean(axis=0))}
+    for name, ends in (
+        ("position", {"low position": low, "high position": high}),
+        ("direction", {"loading": np.ones_like(low), "unloading": -np.ones_like(low)}),
+    ):
+        if name in names and name != source:
+            at = columns == names.index(name)
+            tables = {
+                f"{word}, {label}".removesuffix(", "): np.where(at, values, table)
+                for (label, table), (word, values) in product(tables.items(), ends.items())
+            }
+    return [Curve(label or "network", along, network(t)) for label, t in tables.items()]

@@ -1,4 +1,4 @@
-"""All logs in one table of inputs and outputs, its checks and its scaling."""
+"""Logs as tables of inputs and outputs, what a network gives for them, and what they lack."""
 
 from __future__ import annotations
 
@@ -10,15 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.map import lone_samples
 from ...estimation.motion_state import (
     choose_dead_band,
+    fill_start,
     held_direction,
     motion_state,
     settled_samples,
 )
+from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import BoolArray, Experiment, FloatArray
+from ...family import Simulated
 from ...signals import smooth
-from .options import ForceMapOptions
+from .options import ForceMapOptions, default_inputs
 
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over
 
@@ -167,6 +171,31 @@ def held_state(values: FloatArray, source: str, options: ForceMapOptions) -> Flo
     if band is None:  # no log of the fit needed one
         band = choose_dead_band(values)
     return held_direction(values, band)
+
+
+def predict_runs(
+    network: ScaledNetwork, experiments: Sequence[Experiment], options: ForceMapOptions
+) -> list[Simulated]:
+    """Output of every run; rows without a motion state and lone samples are not described.
+
+    The first motion state is that of the beginning, too; one that is never known is loading.
+    """
+    out = []
+    for e in experiments:
+        names = options.names or default_inputs(options, [e])
+        x = input_table(e, names, options)
+        used, state = is_known(x, names), state_column(names)
+        if state is not None:
+            fill_start(x[:, state])
+            x[:, state] = np.where(x[:, state] < 0.0, -1.0, 1.0)
+        y = network(x)
+        if options.target in e:
+            measured = column_of(e, options.target)
+            there = np.isfinite(measured)
+            level, rest = np.where(there, (measured - network.scaling.base, measured - y), 0.0)
+            used &= there & ~lone_samples(level, rest, branch_of(e, options)[1])
+        out.append(Simulated(y, used))
+    return out
 
 
 def check_data(data: Data, options: ForceMapOptions) -> None:

@@ -12,8 +12,7 @@ The motion state is printed as ``s = u_j - u_(j-1)`` (equation 3), which is zero
 command rests; its sign is held instead, with a dead band against noise. A log's own direction
 column may be used. Whole positions or whole logs are held out for validation, never random rows.
 
-A ``length`` that is the same throughout each log names the specimen. Between the recorded lengths
-the output is held near a straight line (:class:`...estimation.network.Chords`).
+A ``length`` that is the same throughout each log names the specimen.
 
 References
 ----------
@@ -32,7 +31,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...estimation.named_model import check_request
-from ...estimation.scaled_network import ScaledNetwork
+from ...estimation.scaled_network import ScaledNetwork, checksums
 from ...experiment import Experiment, Hold
 from ...family import (
     Family,
@@ -50,8 +49,7 @@ from ...family import (
 )
 from .block import ForceMapBlock, branch_curves
 from .certificates import Certificate
-from .data import column_of, data_notices, input_table
-from .equation import checksums, predict_runs
+from .data import column_of, data_notices, input_table, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
 from .training import file_parameters, fit_details, fit_network, training_notices
 
@@ -111,7 +109,8 @@ class ForceMap(Family[ForceMapOptions]):
                 "the weights of a network cannot be fixed, started or bounded one by one",
                 remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
             )
-        fit, options = fit_network(experiments, request)
+        fit = fit_network(experiments, request)
+        options = fit.options
         found = Certificate.of(fit.map, fit.data, options.driver)
         return make_solution(
             self.simulate,

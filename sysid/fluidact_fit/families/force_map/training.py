@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -17,15 +17,14 @@ from ...estimation.map import (
     robust_deviation,
     smallest_sufficient,
 )
-from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
+from ...estimation.network import Chords, Training, search, thin
 from ...estimation.noise import noise_floor
 from ...estimation.robust_weights import SPIKE
 from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import BoolArray, Experiment, FloatArray
-from ...family import Quantity, Request, Simulated
+from ...family import Quantity, Request
 from .certificates import ENUMERATED, Certificate
-from .data import Data, check_data, gather, settle_dead_bands, state_column
-from .equation import predict_runs
+from .data import Data, check_data, gather, predict_runs, settle_dead_bands, state_column
 from .options import ForceMapOptions, default_inputs
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
@@ -97,7 +96,7 @@ class Rows:
             kept = kept[thin(kept.size, few)]
             rng, x = np.random.default_rng([self.request.seed, fold]), self.x[kept]
             found = search(x, self.y[kept], brief, rng, self.chords(x))
-            return self.y[held] - found.best.network(self.x[held])
+            return self.y[held] - found[0].network(self.x[held])
 
         return cross_validate(self.folds, predict)
 
@@ -133,16 +132,16 @@ class Fit:
 
     ``data.used`` are the samples that it claims to describe, ``rows`` those it was chosen with,
     ``error`` what it missed held-out rows by, standardised; ``predicted`` is its output at all
-    samples, shape ``(n,)`` [SI].
+    samples, shape ``(n,)`` [SI]. ``options`` are settled.
     """
 
     data: Data
     map: ScaledNetwork
     rows: Rows
     error: FloatArray
-    found: Search
     predicted: FloatArray
-    tables: dict[str, Any] = field(default_factory=dict)
+    options: ForceMapOptions
+    tables: dict[str, Any]
 
     @property
     def spikes(self) -> int:
@@ -150,28 +149,23 @@ class Fit:
         return self.rows.y.size - int(self.data.used.sum())
 
 
-def fit_network(
-    experiments: Sequence[Experiment], request: Request[ForceMapOptions]
-) -> tuple[Fit, ForceMapOptions]:
+def fit_network(experiments: Sequence[Experiment], request: Request[ForceMapOptions]) -> Fit:
     """Choose inputs and hidden units where asked to, then train; settle the options."""
     options = settle_dead_bands(experiments, request.options)
-    request = replace(request, options=options)
-    tables: dict[str, Any] = {}
-    rows = Rows.of(experiments, options.names or default_inputs(options, experiments), request)
-    units = options.layers
-    if not units:
-        units, tables["hidden_units"] = _choose_units(rows)
-    options = replace(options, inputs=",".join(rows.data.names), hidden=",".join(map(str, units)))
+    names = options.names or default_inputs(options, experiments)
+    rows = Rows.of(experiments, names, replace(request, options=options))
+    units, tables = (options.layers, {}) if options.layers else _choose_units(rows)
+    options = replace(options, inputs=",".join(names), hidden=",".join(map(str, units)))
     error = rows.held_out(units)
-    request.progress(f"training {len(rows.data.names)}-{'-'.join(map(str, units))}-1")
-    found, best = _train(rows, units, options, experiments)
+    request.progress(f"training {len(names)}-{'-'.join(map(str, units))}-1")
+    best = _train(rows, units, options)
     runs = predict_runs(best, experiments, options)
     output = np.concatenate([r.output for r in runs])
-    data = replace(rows.data, used=_described(runs))
-    return Fit(data, best, rows, error, found, output, tables), options
+    used = np.concatenate([r.used for r in runs if r.used is not None])
+    return Fit(replace(rows.data, used=used), best, rows, error, output, options, tables)
 
 
-def _choose_units(rows: Rows) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
+def _choose_units(rows: Rows) -> tuple[tuple[int, ...], dict[str, Any]]:
     """Cross-validate hidden layers, smallest first: the first sufficient one, and a table.
 
     More and more units are tried until three in a row gain nothing.
@@ -189,14 +183,11 @@ def _choose_units(rows: Rows) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
         })  # fmt: skip
         if len(scores) > 4 and smallest_sufficient(scores) < len(scores) - 3:
             break
-    return (_SWEEP[smallest_sufficient(scores)],), table
+    return (_SWEEP[smallest_sufficient(scores)],), {"hidden_units": table}
 
 
-def _train(
-    rows: Rows, hidden: tuple[int, ...], options: ForceMapOptions, experiments: Sequence[Experiment]
-) -> tuple[Search, ScaledNetwork]:
-    """Train on all used rows, then a little on without spikes; of equal optima a monotone one."""
-    s, chords = rows.scaling, rows.chords(rows.x)
+def _train(rows: Rows, hidden: tuple[int, ...], options: ForceMapOptions) -> ScaledNetwork:
+    """The network of all used rows: of nearly equal optima a monotone one, if there is any."""
     # a larger network has more to tell apart, and more optima nearly as good
     weights = sum(hidden) * (rows.x.shape[1] + 1)
     training = Training(
@@ -205,21 +196,12 @@ def _train(
         finalists=3 if sum(hidden) <= ENUMERATED else 6,
     )  # fmt: skip
     rng = np.random.default_rng([rows.request.seed, 7])
-    found = search(rows.x, rows.y, training, rng, chords)
-    alike = [c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost]
-    maps = [ScaledNetwork(network, s) for network in alike]
-    marks = (Certificate.of(m, rows.data, options.driver) for m in maps)
-    best = next((m for m, c in zip(maps, marks) if c and not c.fault), maps[0])
-    kept = _described(predict_runs(best, experiments, options))
-    last = train_from(
-        best.network, s.inputs(rows.data.x[kept]), s.output(rows.data.y[kept]),
-        Cost(_DECAY, found.limit, chords), iterations=10, tolerance=1e-5,
-    )  # fmt: skip
-    return found, ScaledNetwork(last.network, s)
-
-
-def _described(runs: Sequence[Simulated]) -> BoolArray:
-    return np.concatenate([r.used for r in runs if r.used is not None])
+    found = search(rows.x, rows.y, training, rng, rows.chords(rows.x))
+    alike = [
+        ScaledNetwork(c.network, rows.scaling) for c in found if c.cost <= 1.05 * found[0].cost
+    ]
+    marks = (Certificate.of(net, rows.data, options.driver) for net in alike)
+    return next((net for net, mark in zip(alike, marks) if mark and not mark.fault), alike[0])
 
 
 # ------------------------------------------------------------------------- what is said of it
@@ -319,10 +301,6 @@ def fit_details(fit: Fit) -> dict[str, Any]:
         "hidden": list(net.hidden),
         "network_parameters": net.parameters,
         "multiplications": net.multiplications,
-        "training": {
-            "starts": fit.found.tried,
-            "huber_limit": fit.found.limit * rows.scaling.span,
-        },
         "spikes": fit.spikes,
         "correlation": float(np.corrcoef(data.y[data.used], fit.predicted[data.used])[0, 1]),
         "branches": _scores(data, data.y - fit.predicted),

@@ -33,7 +33,7 @@ def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Sc
     scaling = Scaling.of(inputs, target)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
     x, y = scaling.inputs(inputs), scaling.output(target)
-    return ScaledNetwork(search(x, y, Training((hidden,), starts=8), rng).best.network, scaling)
+    return ScaledNetwork(search(x, y, Training((hidden,), starts=8), rng)[0].network, scaling)
 
 
 def network_of(parameters: Mapping[str, Any], name: str) -> ScaledNetwork | None:
