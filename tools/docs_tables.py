@@ -301,7 +301,7 @@ _PARTS = {
     "accepted_failed": "`true` when the verdict was `fail` and the file was written anyway",
     "model": "what a controller runs: transfer functions with falling powers of `s` and of `z`, "
     "curves, dead zones",
-    "validation": "logs given with `--validate`: simulated, never fitted; a warning names those missed",
+    "validation": "logs given with `--validate`: simulated, never fitted; a miss is warned of",
 }
 
 

@@ -632,6 +632,10 @@ def test_every_layer_of_a_network_is_covered_by_the_model(neural: FitResult) -> 
     lists = {n for n, q in neural.parameters.items() if isinstance(q.value, list)}
     assert lists == set(sums)
     assert len(lists) == 24
+    plant = neural.solution.plant
+    turned = {"friction_weights_2": (-np.array(plant.values["friction_weights_2"])).tolist()}
+    other = replace(plant, values={**plant.values, **turned})
+    assert ff.get_family("hydraulic-cylinder").model(other, 0.0, "zoh")["networks"] != sums
 
 
 # ----------------------------------------------------------------------------- controller

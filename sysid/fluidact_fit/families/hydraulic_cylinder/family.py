@@ -14,11 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ...errors import Notice
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse, undetermined_error
+from ...estimation.scaled_network import checksums
 from ...estimation.stribeck import free_names, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
@@ -188,10 +187,10 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     def model(
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
-        """The equations' numbers, and sums of magnitudes of the layers of the networks."""
+        """The equations' numbers, and checksums of the layers of the networks."""
         check_settled(plant)
         v = plant.numbers
-        layers = {n: float(np.abs(x).sum()) for n, x in plant.values.items() if n not in v}
+        layers = checksums({n: x for n, x in plant.values.items() if n not in v})
         return {
             "hydraulic": {
                 "flow": "Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2, k = K |u|, u beyond "
