@@ -441,7 +441,7 @@ _FAMILIES = {
         "`--offset=none`.",
     ),
     "force-spikes": _warning(
-        "Some samples of the force lie far from all others.",
+        "Some samples of the force, or of a command that is predicted, lie far from all others.",
         "Look at the picture (`--plot`); if the load cell is sound, the model may be wrong there.",
     ),
     "forces-beyond-model": _warning(

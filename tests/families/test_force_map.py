@@ -351,7 +351,12 @@ def cycles(n: int = 2000) -> FloatArray:
 def test_constant_position_is_said() -> None:
     u = cycles(1000)
     found = estimate(make(command=u, position=0.01, force=10.0 * u), hidden="2", starts=2)
-    assert any(n.code == "input-constant" for n in found.notices)
+    (said,) = (n.message for n in found.notices if n.code == "input-constant")
+    assert said.startswith("position is 0.01 m in all samples")
+    found = estimate(
+        make(command=u, position=0.01, force=10.0 * u, length=0.2), hidden="2", starts=1
+    )
+    assert any(n.message.startswith("length is 0.2 in all samples") for n in found.notices)
 
 
 def test_spikes_are_counted_and_left_out() -> None:
@@ -361,6 +366,9 @@ def test_spikes_are_counted_and_left_out() -> None:
     log = make(command=u, position=0.01, force=f)
     found = estimate(log, hidden="2", starts=3, target="force", inputs="command,direction")
     assert found.details["spikes"] == 5
+    assert "spikes of the force" in next(
+        n.message for n in found.notices if n.code == "force-spikes"
+    )
     (run,) = simulate(found, [log])
     assert run.used is not None
     assert not run.used[100::400].any()

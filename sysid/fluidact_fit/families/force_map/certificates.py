@@ -22,6 +22,7 @@ from ...errors import Notice
 from ...estimation.network import Network
 from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import FloatArray
+from ...units import after_number
 from .data import Data, state_column
 
 ENUMERATED = 8  # hidden units up to which the regions are enumerated
@@ -149,7 +150,7 @@ class Certificate:
         if not self.fault:
             return
         where = ", ".join(
-            f"{n} {v:.4g} {u}".removesuffix(" 1") for (n, v), u in zip(self.fault.items(), units)
+            f"{n} {v:.4g}{after_number(u)}" for (n, v), u in zip(self.fault.items(), units)
         )
         yield Notice(
             "not-monotone",

@@ -22,6 +22,7 @@ from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Simulated
 from ...signals import smooth
+from ...units import after_number
 from .options import ForceMapOptions, default_inputs
 
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over
@@ -225,8 +226,8 @@ def data_notices(data: Data) -> list[Notice]:
     return [
         Notice(
             "input-constant",
-            f"{name} is {column[0]:.6g} {unit} in all samples: the network says nothing about "
-            f"another {name}. Record more of them, or leave it out of --inputs.",
+            f"{name} is {column[0]:.6g}{after_number(unit)} in all samples: the network says "
+            f"nothing about another {name}. Record more of them, or leave it out of --inputs.",
         )
         for name, unit, column in zip(data.names, data.units, x.T)
         if np.ptp(column) == 0.0

@@ -23,6 +23,7 @@ from ...estimation.robust_weights import SPIKE
 from ...estimation.scaled_network import ScaledNetwork, Scaling
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Quantity, Request
+from ...units import after_number
 from .certificates import ENUMERATED, Certificate
 from .data import Data, check_data, gather, predict_runs, settle_dead_bands, state_column
 from .options import ForceMapOptions, default_inputs
@@ -145,7 +146,7 @@ class Fit:
 
     @property
     def spikes(self) -> int:
-        """Number of lone samples that were left out."""
+        """Number of lone samples, which no error includes."""
         return self.rows.y.size - int(self.data.used.sum())
 
 
@@ -226,10 +227,11 @@ def training_notices(fit: Fit) -> Iterator[Notice]:
         yield Notice(
             "force-spikes",
             f"{fit.spikes} samples ({100.0 * fit.spikes / rows.y.size:.2g} %) stand alone far off "
-            "their neighbours: spikes of the load cell. They were left out.",
+            f"their neighbours: spikes of the {fit.options.target}. They hardly count, and no "
+            "error includes them.",
         )
     if "position" in data.names:
-        yield from _position_notices(data.position[data.used], data.levels)
+        yield from _position_notices(data)
     if rows.lengths == 2:
         yield Notice(
             "few-positions",
@@ -247,14 +249,14 @@ def training_notices(fit: Fit) -> Iterator[Notice]:
         )
 
 
-def _position_notices(position: FloatArray, levels: Index) -> Iterator[Notice]:
+def _position_notices(data: Data) -> Iterator[Notice]:
     """Warn where no position between others was recorded, or of an untested gap between two.
 
     A position that moves all the time is as good as many; one that only shows its noise is one. Of
     a gap the distance of its middle to what was trained is compared with that of the most remote
     sample of a level that was held out.
     """
-    highest = int(levels.max())
+    position, levels, highest = data.position[data.used], data.levels, int(data.levels.max())
     noise = max(noise_floor(position, 1, robust=False), 1e-300)
     if highest == 1 or (highest == 0 and float(np.ptp(position)) <= 20.0 * noise):
         yield Notice(
@@ -271,12 +273,13 @@ def _position_notices(position: FloatArray, levels: Index) -> Iterator[Notice]:
     below, above, gaps = high[:-2], low[2:], low[1:] - high[:-1]
     remote = np.clip(0.5 * (below + above), low[1:-1], high[1:-1])
     k = int(np.argmax(gaps))
+    unit = after_number(data.units[data.names.index("position")])
     if 0.5 * gaps[k] > np.minimum(remote - below, above - remote).max():
         yield Notice(
             "few-positions",
-            f"no position between {high[k]:.3g} and {low[k + 1]:.3g} m was recorded, and the map "
-            "was tested over no gap as wide: within it the map may be off by any amount. Record "
-            "positions in between.",
+            f"no position between {high[k]:.3g} and {low[k + 1]:.3g}{unit} was recorded, and the "
+            "map was tested over no gap as wide: within it the map may be off by any amount. "
+            "Record positions in between.",
         )
 
 
