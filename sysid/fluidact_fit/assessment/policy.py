@@ -164,7 +164,7 @@ LEAST_GIVEN = Threshold(
 VACUUM = Threshold(1.2e5, "pressure below atmosphere [Pa] that is impossible", _UNITS)
 # logs that were not fitted: of --validate, and of check
 LOG_MISSED = Threshold(
-    2.0, "ratio of the residual (RMS) of another log to that of a fitted one from which it is missed",
+    2.0, "ratio of the rmse of another log to that of a fitted one from which it is missed",
     "tests/cli/test_fit.py; docs/evidence/middle.md")
 LOG_SPREADS = Threshold(
     2.0, "multiple of what errors of the parameters do to the output (RMS) that is allowed for",
