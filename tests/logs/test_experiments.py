@@ -200,7 +200,7 @@ def test_unknown_roles_and_holds(tmp_path: Path) -> None:
         run(path, columns={"forse": "#2"})
     with pytest.raises(UsageError, match="units names the role"):
         run(path, units={"torque": "N m"})
-    with pytest.raises(UsageError, match="not an input"):
+    with pytest.raises(UsageError, match="means something for force"):
         run(path, holds={"position": "zoh"})
     (one,), _ = run(path, holds={"force": "zoh"})
     assert one.signals["force"].hold == "zoh"

@@ -123,11 +123,13 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             )
     for name in log.holds:
         if known[name].hold is None:
-            driving = " or ".join(r.name for r in known.values() if r.hold is not None)
-            needless = "Leave --hold out: no role of this family needs it."
+            driving = [r.name for r in known.values() if r.hold is not None]
             raise UsageError(
-                f"--hold does not apply to '{name}', which is not an input of the model.",
-                remedy=f"Give it for {driving}." if driving else needless,
+                f"--hold does not apply to '{name}', which is taken at its samples alone.",
+                expected=f"In this family it means something for {' and '.join(driving)}."
+                if driving
+                else "",
+                remedy=f"Leave --hold {name}={log.holds[name]} out.",
             )
 
 
