@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import TransferFunction, cont2discrete, lfilter, step
 from studies.red_team.attacks import hydrostatic, valve
 from studies.red_team.run import run as run_attack
 
@@ -455,6 +455,19 @@ def test_other_zeros_leave_mean_and_spread_of_the_response() -> None:
     assert max(v["zero_time_constant"] for v in others) > 0.05
     for v in others:
         np.testing.assert_allclose(moments(v), moments(at))
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.02, 0.3, -0.05])
+def test_the_overshoot_is_that_of_a_step(zero: float) -> None:
+    """With a zero of 20 ms it was that of a valve without one, 15 % for 25 %."""
+    wn, zeta = 45.0, 0.52
+    valve, t = get_family("valve"), np.linspace(0.0, 0.5, 200_001)
+    y = step(
+        TransferFunction(np.trim_zeros([wn**2 * zero, wn**2]), [1.0, 2.0 * zeta * wn, wn**2]), T=t
+    )[1]
+    values = {"natural_frequency": wn, "damping_ratio": zeta, "zero_time_constant": zero}
+    derived = valve.derived(values, valve.options_type())
+    assert derived["overshoot"] == pytest.approx(y.max() - 1.0, rel=1e-6)
 
 
 def test_the_valley_of_a_zero_is_followed() -> None:

@@ -174,10 +174,17 @@ class Valve(TransferFamily[ValveOptions]):
     derived_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz", "overshoot": "1"}
 
     def derived(self, values: Values, options: ValveOptions) -> dict[str, Any]:
-        """Undamped frequency in hertz, and overshoot where there is one."""
-        out, z = {"frequency": values["natural_frequency"] / (2.0 * np.pi)}, values["damping_ratio"]
+        """Undamped frequency in hertz, and overshoot of a step where the valve swings.
+
+        ``1 + T_z s`` at a pole has the size and the phase by which a zero changes the swing.
+        """
+        wn, z = values["natural_frequency"], values["damping_ratio"]
+        out = {"frequency": wn / (2.0 * np.pi)}
         if np.real(z) < 1.0:
-            out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
+            root, zero = np.sqrt(1.0 - z * z), wn * values.get("zero_time_constant", 0.0)
+            size = np.sqrt(1.0 - 2.0 * z * zero + zero**2)
+            phase = 2.0 * np.arctan(zero * root / (1.0 - z * zero + size))
+            out["overshoot"] = size * np.exp((phase - np.pi) * z / root)
         return out
 
 
