@@ -294,6 +294,7 @@ class Simulated:
 
 
 Simulate = Callable[[Plant[Any], Sequence[Experiment]], Sequence[Simulated]]
+Response = Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
 
 
 @dataclass(frozen=True)
@@ -320,7 +321,7 @@ class UnmodelledEffect:
     name: str
     words: str | Callable[[float], str]
     remedy: str
-    response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
+    response: Response
     unit: str = "1"
     positive: bool = False
     offered: bool = False

@@ -105,6 +105,15 @@ def _softened(
     return slopes(simulate(plant, experiments), simulate(plant, soft), output, reach)
 
 
+def change_to(
+    plant: Plant[Any], other: Plant[Any], by: float, experiments: Sequence[Experiment],
+    simulate: Simulate,
+) -> list[dict[str, FloatArray]]:  # fmt: skip
+    """Change of all channels from one plant to another, per size of what makes them differ."""
+    before, after = simulate(plant, experiments), simulate(other, experiments)
+    return slopes(before, after, plant.variant.output.name, by)
+
+
 def slopes(
     before: Sequence[Simulated], after: Sequence[Simulated], output: str, by: float
 ) -> list[dict[str, FloatArray]]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ...estimation.stribeck import EXPONENT, another_fall
-from ...estimation.unmodelled_effects import slopes, soft_edges
-from ...experiment import Experiment, FloatArray
-from ...family import Plant, Simulate, UnmodelledEffect
+from ...estimation.unmodelled_effects import change_to, soft_edges
+from ...family import Plant, UnmodelledEffect
 from ...mechanics.hydraulic_cylinder import AIR, EDGES, LEAKAGE, LOAD
 from ...options import describe
+from ...specification import Response
 from ...units import after_number
-from .gray_box import CHANNELS
 from .options import HydraulicCylinderOptions
 
 _APART = 0.1  # of the exponent of a fall of friction, between its two simulations and 2
@@ -35,24 +34,25 @@ def unmodelled_effects(plant: HydraulicPlant) -> Iterator[UnmodelledEffect]:
     v, supply = plant.numbers, float(plant.options.supply_pressure or 0.0)
     yield soft_edges(plant, "command", (v[EDGES[0]], v[EDGES[1]]))
     if plant.values.get("stribeck"):
-        yield another_fall(partial(_by_exponent, plant))
+        less, more = (_with(plant, {EXPONENT: 2.0 + by}) for by in (-_APART, _APART))
+        yield another_fall(partial(change_to, more, less, 2.0 * _APART))
     yield UnmodelledEffect(
         "leakage", "oil leaks past the piston, from one chamber to the other",
         "Look for worn seals and an open bypass: gains, losses and dead zone make up for the "
         "leak, and hold for pressures like those of the logs only.",
-        partial(_beyond, plant, LEAKAGE, _STEP * v["valve_gain_1"] / supply**0.5),
+        _beyond(plant, LEAKAGE, _STEP * v["valve_gain_1"] / supply**0.5),
         "m3/(s Pa)", positive=True,
     )  # fmt: skip
     yield UnmodelledEffect(
         "load", _load_words,
         "That is the weight on a piston that is not level, friction that differs by direction "
         "(coulomb is a mean of both), or a wrong zero of a pressure: they look alike.",
-        partial(_beyond, plant, LOAD, _STEP * supply * float(plant.options.area_1 or 0.0)), "N",
+        _beyond(plant, LOAD, _STEP * supply * float(plant.options.area_1 or 0.0)), "N",
     )  # fmt: skip
     yield UnmodelledEffect(
         "air", "air in the oil makes it softer at low pressure",
         "Bleed the cylinder; bulk_modulus is a mean over the pressures of the logs.",
-        partial(_beyond, plant, AIR, _STEP), positive=True,
+        _beyond(plant, AIR, _STEP), positive=True,
     )  # fmt: skip
     units = {option.name: option.unit for option in describe(HydraulicCylinderOptions)}
     for name in _GIVEN:
@@ -60,7 +60,7 @@ def unmodelled_effects(plant: HydraulicPlant) -> Iterator[UnmodelledEffect]:
         yield UnmodelledEffect(
             f"given {name}", partial(_instead, name, value, units[option]),
             f"Measure it again and check --{option}, or look for what acts alike.",
-            partial(_by_given, plant, name, _STEP * (value or supply)), units[option],
+            _by_given(plant, name, _STEP * (value or supply)), units[option],
         )  # fmt: skip
 
 
@@ -74,39 +74,16 @@ def _instead(name: str, value: float, unit: str, change: float) -> str:
     return f"{name} is about {value + change:.4g}{unit}, not {value:.4g}{unit} as was given"
 
 
-def _by_given(
-    plant: HydraulicPlant, name: str, by: float, experiments: Sequence[Experiment],
-    simulate: Simulate,
-) -> list[dict[str, FloatArray]]:  # fmt: skip
+def _by_given(plant: HydraulicPlant, name: str, by: float) -> Response:
     """Derivatives of all channels by a number that was given."""
     given = {name: getattr(plant.options, name) + by}
-    other = replace(plant, options=replace(plant.options, **given))
-    return _change(plant, other, by, experiments, simulate)
+    return partial(change_to, plant, replace(plant, options=replace(plant.options, **given)), by)
 
 
-def _beyond(
-    plant: HydraulicPlant, name: str, by: float, experiments: Sequence[Experiment],
-    simulate: Simulate,
-) -> list[dict[str, FloatArray]]:  # fmt: skip
+def _beyond(plant: HydraulicPlant, name: str, by: float) -> Response:
     """Derivatives of all channels by an effect that the fit supposes absent."""
-    return _change(plant, _with(plant, {name: by}), by, experiments, simulate)
-
-
-def _by_exponent(
-    plant: HydraulicPlant, experiments: Sequence[Experiment], simulate: Simulate
-) -> list[dict[str, FloatArray]]:
-    """Derivatives of all channels by how much slower friction falls off from rest."""
-    less, more = (_with(plant, {EXPONENT: 2.0 + by}) for by in (-_APART, _APART))
-    return _change(more, less, 2.0 * _APART, experiments, simulate)
+    return partial(change_to, plant, _with(plant, {name: by}), by)
 
 
 def _with(plant: HydraulicPlant, values: Mapping[str, Any]) -> HydraulicPlant:
     return replace(plant, values={**plant.values, **values})
-
-
-def _change(
-    before: HydraulicPlant, after: HydraulicPlant, by: float, experiments: Sequence[Experiment],
-    simulate: Simulate,
-) -> list[dict[str, FloatArray]]:  # fmt: skip
-    first, second = simulate(before, experiments), simulate(after, experiments)
-    return slopes(first, second, CHANNELS[-1], by)

@@ -16,7 +16,7 @@ from ...errors import Notice, NotIdentifiedError
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
 from ...estimation.uncertainty import model_of_residuals
-from ...estimation.unmodelled_effects import slopes
+from ...estimation.unmodelled_effects import change_to
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Curve,
@@ -221,8 +221,7 @@ def _one_way(
     """Derivatives of the force by the viscous friction, where the rod extends only."""
     by = 0.01 * abs(plant.numbers["viscous"]) or 1.0
     more = replace(plant, values={**plant.values, "viscous": plant.numbers["viscous"] + by})
-    before, after = simulate(plant, experiments), simulate(more, experiments)
-    found = slopes(before, after, "force", by)
+    found = change_to(plant, more, by, experiments, simulate)
     return [{role: np.minimum(change, 0.0) for role, change in one.items()} for one in found]
 
 
