@@ -252,6 +252,12 @@ class FamilyOptions:
                 values[key.replace("-", "_")] = read
         return cls(**values)
 
+    @property
+    def unasked(self) -> set[str]:
+        """Parameters that one of the options frees, but that are not estimated with these."""
+        freeing, given = [o for o in describe(type(self)) if o.frees], self.given()
+        return {o.frees for o in freeing if given.get(o.name) != o.choices[-1]}
+
     def given(self) -> dict[str, Any]:
         """Return every option that has a value, named as in the file; pairs as lists."""
         found = {f.name.replace("_", "-"): getattr(self, f.name) for f in fields(self)}

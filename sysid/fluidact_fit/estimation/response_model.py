@@ -108,7 +108,7 @@ class Plan:
     Attributes
     ----------
     searched
-        Nonlinear parameters of the model.
+        Nonlinear parameters of the model, with those that an option frees (:meth:`asked_for`).
     lag
         Slowest response time [s] at a point of the axes: dead times are tried in proportion.
     fixed
@@ -136,6 +136,20 @@ class Plan:
     def no_effect_at(self) -> dict[str, float]:
         """Values at which a parameter has no effect, by name."""
         return {s.name: s.idle for s in self.searched if s.idle is not None}
+
+    def asked_for(self, variant: Variant, request: Request[ResponseOptions]) -> Plan:
+        """The plan without what an option has estimated on request, where it is not.
+
+        The model lacks an optional parameter then, and has another at its neutral value.
+        """
+        unasked = request.options.unasked - request.fixed.keys()
+        specs = [s for s in variant.parameters if s.name in unasked]
+        lacking = {s.name for s in specs if s.optional}
+        return replace(
+            self,
+            searched=[s for s in self.searched if s.name not in lacking],
+            fixed={**{s.name: s.neutral or 0.0 for s in specs if not s.optional}, **self.fixed},
+        )
 
 
 T = TypeVar("T", bound=ResponseOptions)
@@ -219,7 +233,7 @@ class ResponseTask(Generic[T]):
     ) -> ResponseTask[T]:  # fmt: skip
         """Return the task of a request; the family makes the ``plan`` if none is given."""
         check_request(variant.parameters, request)
-        plan = plan or model.plan(experiments, request)
+        plan = (plan or model.plan(experiments, request)).asked_for(variant, request)
         request = replace(request, fixed={**plan.fixed, **request.fixed})
         return cls(model, variant, experiments, request, plan)
 

@@ -165,11 +165,7 @@ def plan_motor(
         Searched("time_constant", 3.0 * step, (0.01 * step, 2.0 * span)),
         Searched("dead_time", step, (0.0, 0.5 * span), sensible=20.0 * step),
     ]
-    return Plan(
-        searched,
-        fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
-        refusals=refused_beforehand(experiments, request),
-    )
+    return Plan(searched, refusals=refused_beforehand(experiments, request))
 
 
 def curve_axes(top: float) -> dict[str, list[float]]:
