@@ -374,8 +374,9 @@ def test_a_spring_that_hardly_is_one_is_known_as_well_as_a_weak_one() -> None:
     """At 7e-7 N/m the standard error was a third of what it is, and two such values "rivals"."""
     names = ["mass", "damping", "dead_zone_negative", "dead_zone_positive", "stiffness"]
     chosen = get_family("hydrostatic")
-    model = chosen.transfer_model(chosen.variants[0], settle_holds([hydrostatic_log(3)]))
-    problem = bind(model.named(names), {n: Unknown(n) for n in names}, {})
+    logs = settle_holds([hydrostatic_log(3)])
+    model = chosen.response(chosen.variants[0], logs, Beginning(), tuple(names))
+    problem = bind(model, {n: Unknown(n) for n in names}, {})
 
     def error(stiffness: float) -> float:
         found = evaluate(problem, np.array([53.7, 1720.5, -3.0, 1.2, stiffness]))

@@ -1,7 +1,7 @@
 """Common base of transfer-function families: the fit, the simulation, the model, the block.
 
-A family is its equation (a state space as a function of named values), its parameters, and
-where a search for them begins.
+A family is its transfer function of named values, its parameters, and where a search for them
+begins.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from ...estimation.response_model import (
     ResponseModel,
     ResponseOptions,
     ResponseTask,
+    Searched,
 )
 from ...estimation.sampled import discretise
 from ...estimation.unmodelled_effects import initial_states, output_offset, soft_edges
-from ...experiment import Experiment, FloatArray, Hold
+from ...experiment import Array, Experiment, FloatArray, Hold
 from ...family import (
     Excitation,
     Family,
     Information,
     ParameterDocument,
+    ParameterSpec,
     Plant,
     Request,
     Simulated,
@@ -40,12 +42,25 @@ from ...family import (
     UnmodelledEffect,
     Variant,
 )
-from .block import TransferBlock
-from .model import ANY, Free, TransferModel, any_start, simulate_transfer
+from .block import TransferBlock, TransferFunction
+from .model import EDGES, Free, TransferModel, any_start, simulate_transfer, state_space
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
 T = TypeVar("T", bound=ResponseOptions)
+
+
+def dead_time(before: str, remedy: str, *, optional: bool = False) -> ParameterSpec:
+    """The dead time; ``before`` is what it passes before."""
+    return ParameterSpec(
+        "dead_time", "s", before, neutral=0.0, minimum=0.0, optional=optional, curved=True,
+        remedy=remedy,
+    )  # fmt: skip
+
+
+def any_dead_time(step: float, span: float) -> Searched:
+    """Search range of the dead time, for the scales of :func:`.time_scales`."""
+    return Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span)
 
 
 class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
@@ -63,20 +78,34 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     allows_for_input_noise = True
     next_experiment = Excitation("command")
 
-    @staticmethod
-    @abstractmethod
-    def realise(values: Values) -> tuple[Any, Any, Any]:
-        """State space ``(A, B, C)``, analytic in the values; of unit gain where there is one."""
-
-    @abstractmethod
-    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """Numerator and denominator, falling powers of ``s``."""
-
     derived_units: ClassVar[Mapping[str, str]]
 
-    def remarks(self, fitted: Fitted, options: T) -> list[Notice]:
-        """What is to be said of the derived numbers."""
+    @abstractmethod
+    def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
+        """Numerator and denominator, falling powers of ``s``, without dead time and :attr:`gain`.
+
+        Analytic in the values.
+        """
+
+    def notices(self, fitted: Fitted, options: T) -> list[Notice]:
+        """Notices about the derived numbers."""
         return []
+
+    def realise(self, values: Values) -> tuple[Array, Array, Array]:
+        """State space of the :meth:`coefficients`."""
+        return state_space(*self.coefficients(values))
+
+    def transfer_function(self, values: Mapping[str, float]) -> TransferFunction:
+        """The whole transfer function; a dead zone stands before it."""
+        numerator, denominator = self.coefficients(values)
+        gain = values[self.gain] if self.gain else 1.0
+        return TransferFunction(
+            tuple(gain * x for x in numerator), tuple(denominator), values.get("dead_time", 0.0)
+        )
+
+    def follow(self, values: Values, change: Mapping[str, float]) -> dict[str, float]:
+        """Where a change of some values leads, straight on; see :class:`.NamedModel`."""
+        return {n: values[n] + step for n, step in change.items()}
 
     def beginnings(self, values: Values) -> Free:
         """Possible initial states of a run with an offset of its own; any state."""
@@ -86,21 +115,13 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Largest pole [rad/s]."""
         return float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max())
 
-    def transfer_model(
-        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
-    ) -> TransferModel:
-        """The model of some experiments."""
-        return TransferModel(
-            experiments, variant.driving[0].name, variant.output.name, self.realise,
-            self.beginnings, begin, gain=self.gain, dead_zone=self.dead_zone,
-        )  # fmt: skip
-
     def response(
         self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
         names: tuple[str, ...],
     ) -> NamedModel:  # fmt: skip
         """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
-        return self.transfer_model(variant, experiments, begin).named(names)
+        model = TransferModel(self, variant, experiments, begin).named(names)
+        return replace(model, follow=self.follow)
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
@@ -110,7 +131,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         fitted, options = found.fitted, found.settled(request.options)
         derived = fitted.derive(self.derived_units, lambda v: self.derived(v, options))
         return found.solution(
-            self.simulate, experiments, variant, options, derived, self.remarks(fitted, options)
+            self.simulate, experiments, variant, options, derived, self.notices(fitted, options)
         )
 
     def simulate(
@@ -120,33 +141,28 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         begin = plant.options.beginning
         if not all(plant.variant.output.name in e for e in experiments):
             begin = replace(begin, unrecorded=0.0)
-        model = self.transfer_model(plant.variant, experiments, begin)
+        model = TransferModel(self, plant.variant, experiments, begin)
         return simulate_transfer(model, plant.numbers, offset)
 
     def information(self, plant: Plant[T], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v = plant.numbers
-        model = self.transfer_model(plant.variant, [experiment])
+        model = TransferModel(self, plant.variant, [experiment])
         level = v[self.gain] * model.levels[0] if self.gain else 0.0
         return sensitivity(model.named([n for n in v if n != self.gain]), v, level)
 
     def model(self, plant: Plant[T], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Dead zone, continuous transfer function, and the discrete one of a held input."""
-        v = plant.numbers
-        numerator, denominator = self.coefficients(v)
-        dead_time = v.get("dead_time", 0.0)
-        section: dict[str, Any] = {}
+        v, section = plant.numbers, dict[str, Any]()
+        f = self.transfer_function(v)
         if self.dead_zone:
-            section["input_nonlinearity"] = {
-                "dead_zone_negative": v["dead_zone_negative"],
-                "dead_zone_positive": v["dead_zone_positive"],
-                "slope": 1.0,
-            }
+            section["input_nonlinearity"] = {n: v[n] for n in EDGES} | {"slope": 1.0}
         section["continuous"] = {
-            "numerator": numerator, "denominator": denominator, "dead_time": dead_time,
+            "numerator": list(f.numerator), "denominator": list(f.denominator),
+            "dead_time": f.dead_time,
         }  # fmt: skip
         if sample_time > 0.0:
-            section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
+            section["discrete"] = discretise(f.numerator, f.denominator, sample_time, f.dead_time)
         return section
 
     def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
@@ -154,8 +170,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         v, (role,), begin = plant.numbers, plant.variant.driving, plant.options.beginning
         output, out = plant.variant.output.name, list[UnmodelledEffect]()
         if self.dead_zone:
-            edges = v["dead_zone_negative"], v["dead_zone_positive"]
-            out.append(soft_edges(plant, role.name, edges))
+            out.append(soft_edges(plant, role.name, (v[EDGES[0]], v[EDGES[1]])))
         if begin.offset == "none":
             out.append(output_offset(output))
         if begin.rest:
@@ -165,7 +180,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     def _free_responses(self, plant: Plant[T], experiment: Experiment) -> FloatArray:
         """Output after unit states, shape ``(n, states)``."""
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
-        model = self.transfer_model(plant.variant, [experiment], begin)
+        model = TransferModel(self, plant.variant, [experiment], begin)
         local = model.columns(0, plant.numbers).local
         return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
 
@@ -173,11 +188,10 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """A dead zone of a fifth of the range, a dead time of one and a half samples."""
-        sides = {"dead_zone_negative": amplitude[0], "dead_zone_positive": amplitude[1]}
-        if name in sides:
-            return 0.2 * sides[name]
+        if name in EDGES:
+            return 0.2 * amplitude[EDGES.index(name)]
         return 1.5 * sample_time if name == "dead_time" else None
 
     def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:
         """The model that a controller steps; see :class:`TransferBlock`."""
-        return TransferBlock(document, variant, self.coefficients)
+        return TransferBlock(document, variant, self.transfer_function)

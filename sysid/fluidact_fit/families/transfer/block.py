@@ -14,12 +14,12 @@ from ...block import LinearBlock, LinearModel, SampleSimulator
 from ...errors import UsageError
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.sampled import companion, difference_equation, discretise, sample
+from ...estimation.sampled import difference_equation, discretise, sample
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
 from ...specification import Variant
-from .model import input_level
+from .model import EDGES, input_level, state_space
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,9 @@ class TransferFunction:
         last = self.denominator[-1]
         return None if last == 0.0 else self.numerator[-1] / last
 
-
-Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
+    def state_space(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``(A, B, C)`` without the dead time, in a time scale of its own."""
+        return state_space(self.numerator, self.denominator)
 
 
 class TransferBlock(LinearBlock, SampleSimulator):
@@ -48,10 +49,11 @@ class TransferBlock(LinearBlock, SampleSimulator):
     """
 
     def __init__(
-        self, document: ParameterDocument, variant: Variant, coefficients: Coefficients
-    ) -> None:
+        self, document: ParameterDocument, variant: Variant,
+        law: Callable[[Mapping[str, float]], TransferFunction],
+    ) -> None:  # fmt: skip
         super().__init__(document, variant)
-        self._coefficients = coefficients
+        self._law = law
 
     def _begin(self) -> None:
         self._level = self._start = 0.0
@@ -59,17 +61,13 @@ class TransferBlock(LinearBlock, SampleSimulator):
 
     @cached_property
     def _linear(self) -> TransferFunction:
-        values = self.numbers()
-        numerator, denominator = self._coefficients(values)
-        return TransferFunction(tuple(numerator), tuple(denominator), values.get("dead_time", 0.0))
+        return self._law(self.numbers())
 
     @cached_property
     def dead_zone(self) -> tuple[float, float] | None:
         """Negative and positive edge [unit of the input]; ``None`` for a linear model."""
-        if "dead_zone_positive" not in self.parameters:
-            return None
         values = self.numbers()
-        return values["dead_zone_negative"], values["dead_zone_positive"]
+        return (values[EDGES[0]], values[EDGES[1]]) if EDGES[1] in values else None
 
     def transfer_function(self) -> TransferFunction:
         """Return the continuous model (without a dead zone, which stands before it)."""
@@ -78,7 +76,7 @@ class TransferBlock(LinearBlock, SampleSimulator):
     def linear_model(self) -> LinearModel:
         """Return the model in state space, in a time scale of its own."""
         f = self._linear
-        return LinearModel(*_balanced(f), f.dead_time, self.dead_zone, f.gain)
+        return LinearModel(*f.state_space(), f.dead_time, self.dead_zone, f.gain)
 
     def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
@@ -229,7 +227,7 @@ class TransferBlock(LinearBlock, SampleSimulator):
 
         self._need_sample_time("discrete model")
         input, output, f = self._port(self.variant.driving[0]), self.output, self._linear
-        law = difference_equation(sample(*_balanced(f), f.dead_time, self.sample_time))
+        law = difference_equation(sample(*f.state_space(), f.dead_time, self.sample_time))
         argument = self.argument(input.role, "input of this sample")
         result = (output.role, output.unit, 0.0 if f.gain is None else self.offset)
         step = step_routine(argument, self.dead_zone, law, result, self.sample_time)
@@ -246,7 +244,7 @@ class TransferBlock(LinearBlock, SampleSimulator):
             u = apply_dead_zone(u, *self.dead_zone)
         coefficients = u.coefficients.copy()
         coefficients[:, 0] -= level
-        a, b, c = _balanced(self._linear)
+        a, b, c = self._linear.state_space()
         y = forced_response(
             a, b, c, replace(u, coefficients=coefficients), instants,
             dead_time=self._linear.dead_time,
@@ -258,18 +256,3 @@ class TransferBlock(LinearBlock, SampleSimulator):
         if u.size:
             copy.reset(input=float(u[0]) if before is None else before, output=output)
         return np.array([copy.step(v) for v in u.tolist()], dtype=float)
-
-
-def _balanced(function: TransferFunction) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """State space in a time scale in which the coefficients are of order one."""
-    den = np.asarray(function.denominator) / function.denominator[0]
-    order = den.size - 1
-    sizes = [abs(d) ** (1.0 / k) for k, d in enumerate(den) if k > 0 and d != 0.0]
-    rate = max(sizes) if sizes else 1.0
-    powers = rate ** -np.arange(order + 1.0)
-    num = np.zeros(order + 1)
-    num[order + 1 - len(function.numerator) :] = function.numerator
-    a, b, c = companion(
-        (num * powers / function.denominator[0])[1:].tolist(), (den * powers).tolist()
-    )
-    return a * rate, b * rate, c

@@ -31,7 +31,6 @@ from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
 from ...family import (
-    Curve,
     ParameterSpec,
     PhysicsView,
     Plant,
@@ -43,15 +42,10 @@ from ...family import (
     UnmodelledEffect,
     Variant,
 )
-from ...mechanics.local_motion import delayed, local_motion
 from ...options import choice
-from ...specification import quotient_unit
-from .base import ASKED, TransferFamily
-from .dry_friction import dry_friction
-from .model import Free, TransferModel
-
-_RESTING = 0.03  # of the highest speed, below which the piston rests
-_ASIDE = 0.05  # of the largest force, by which all those at rest may be on one side of zero
+from .base import ASKED, TransferFamily, any_dead_time, dead_time
+from .dead_zone import blame_load_cell, dry_friction, speeds, steady_velocity
+from .model import EDGES, Free
 
 
 @dataclass(frozen=True)
@@ -103,10 +97,9 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                 ),
                 _edge("negative", "below", -np.inf, 0.0),
                 _edge("positive", "above", 0.0, np.inf),
-                ParameterSpec(
-                    "dead_time", "s", "dead time between force and position", neutral=0.0,
-                    minimum=0.0, optional=True, curved=True,
-                    remedy="Record sharp changes of the force at a higher sampling rate.",
+                dead_time(
+                    "dead time between force and position",
+                    "Record sharp changes of the force at a higher sampling rate.", optional=True,
                 ),
             ),
         ),
@@ -129,12 +122,9 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 
-    @staticmethod
-    def realise(values: Values) -> tuple[Any, Any, Any]:
-        """State space of ``1/(m s^2 + c s + k)``, position and velocity."""
-        m = values["mass"]
-        a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / m, -values["damping"] / m]])
-        return a, np.array([0.0, 1.0 / m]), np.array([1.0, 0.0])
+    def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
+        """``1 / (mass s^2 + damping s + stiffness)``."""
+        return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
 
     def beginnings(self, values: Values) -> Free:
         """An initial velocity, and with a spring a constant force beside the offset.
@@ -161,29 +151,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
 
     def physics_view(self, plant: Plant[HydrostaticOptions], runs: Runs) -> PhysicsView | None:
         """Velocity over force with the dead zone; none with a spring, which has no such curve."""
-        v = plant.numbers
-        if v.get("stiffness"):
-            return None
-        forces, speeds = [], []
-        for e, s in runs:
-            position, force = e.sampled("position"), e.sampled("force")
-            noise = float(np.nanstd(position - s.output))
-            fine = 0.05 * float(np.std(force)) / v["damping"]
-            speeds.append(local_motion(e.time, position, noise, fine)[0])
-            forces.append(delayed(e.time, force, v.get("dead_time", 0.0)))
-        x, units = np.concatenate(forces), runs[0][0].units
-        edges = v["dead_zone_negative"], v["dead_zone_positive"]
-        along = np.unique([*np.linspace(np.nanmin(x), np.nanmax(x), 200), *edges])
-        beyond = np.maximum(along - edges[1], 0.0) + np.minimum(along - edges[0], 0.0)
-        return PhysicsView(
-            "Steady velocity over force, with the dead zone", "force", units["force"], "velocity",
-            quotient_unit(units["position"], "s"), Curve("measured", x, np.concatenate(speeds)),
-            [Curve("dead zone and damping", along, beyond / v["damping"])],
-        )  # fmt: skip
-
-    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """``1 / (mass s^2 + damping s + stiffness)``."""
-        return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
+        return None if plant.values.get("stiffness") else steady_velocity(plant, runs)
 
     def estimate(
         self,
@@ -191,52 +159,44 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         experiments: Sequence[Experiment],
         request: Request[HydrostaticOptions],
     ) -> Solution[HydrostaticOptions]:
-        """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`.
-
-        Within the dead zone the piston rests, and the force passes zero: where it rests at forces
-        of one sign alone, zero is not within the dead zone.
-        """
+        """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`."""
         try:
             return super().estimate(variant, experiments, request)
         except NotIdentifiedError as error:
-            low, high, largest = _forces_at_rest(experiments)
-            if max(low, -high) <= _ASIDE * largest:
-                raise
-            force = experiments[0].signals["force"]
-            raise NotIdentifiedError(
-                f"the piston only rests at forces of {force.text(low, '.3g')} to "
-                f"{force.text(high, '.3g')}: the zero of the load cell seems to be off, or "
-                f"a weight or a spring pulls, and {error.what}",
-                expected=error.expected,
-                remedy="Read the force while nothing acts, and subtract it from the column. "
-                f"Otherwise: {error.remedy}",
-            ) from error
+            blame_load_cell(error, experiments)
+            raise
 
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
-        """Typical sizes, search range and the widest useful intervals."""
-        step, span = time_scales(experiments)
-        low, high, speed = _ranges(experiments)
-        force, shares = max(high, -low), np.array([0.04, 0.3, 0.6, 0.8])
-        damping, negative, positive = force / speed, min(low, 0.0), max(high, 0.0)
-        travel = max(float(np.ptp(experiments[0]["position"])), 1e-12)
+        """Typical sizes, search range and the widest useful intervals.
+
+        Raises
+        ------
+        LogError
+            When nothing moves.
+        """
+        (step, span), forces = time_scales(experiments), [e["force"] for e in experiments]
+        ends = min(0.0, *(f.min() for f in forces)), max(0.0, *(f.max() for f in forces))
+        force, speed = float(max(-ends[0], ends[1])), speeds(experiments)[1]
+        if force <= 0.0 or speed <= 0.0:
+            raise LogError(
+                "force or position does not change in any log",
+                remedy="Record strokes with a force that moves the piston.",
+            )
+        damping, travel = force / speed, max(float(np.ptp(experiments[0]["position"])), 1e-12)
         # masses and stiffnesses to try first are per damping
         masses = np.geomspace(0.5 * step, 0.05 * span, 4)
         stiffnesses = np.array([0.1, 1.0, 10.0]) * 2.0 * np.pi / span
+        shares = np.array([0.04, 0.3, 0.6, 0.8])
         searched = [
             Searched("mass", damping * step, (1e-4 * damping * step, 1e3 * damping * span), masses),
             Searched("damping", damping, (1e-4 * damping, 1e4 * damping)),
-            Searched("dead_zone_negative", force, (negative, 0.0), negative * shares,
-                     0.5 * force, idle=negative),
-            Searched("dead_zone_positive", force, (0.0, positive), positive * shares,
-                     0.5 * force, idle=positive),
-        ]  # fmt: skip
-        options, given = request.options, request.fixed
-        if options.stiffness == "estimate" or "stiffness" in given:
-            searched.append(
-                Searched("stiffness", damping / span, axis=stiffnesses, sensible=force / travel)
-            )
-        if options.dead_time == "estimate" or "dead_time" in given:
-            searched.append(Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span))
+            *(
+                Searched(n, force, (min(end, 0.0), max(end, 0.0)), end * shares, 0.5 * force, end)
+                for n, end in zip(EDGES, ends)
+            ),
+            Searched("stiffness", damping / span, axis=stiffnesses, sensible=force / travel),
+            any_dead_time(step, span),
+        ]
         return Plan(searched, lag=lambda at: 3.0 * step)
 
     def starts(
@@ -246,30 +206,17 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         begin: Beginning,
     ) -> list[dict[str, float]]:
         """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
-
-        def per_damping(values: Values) -> Values:
-            return {**values, "damping": 1.0}
-
-        step, _ = time_scales(experiments)
-        used = [n for n in task.plan.names if n != "damping"]
-        model = TransferModel(
-            experiments, "force", "position", lambda v: self.realise(per_damping(v)),
-            lambda v: self.beginnings(per_damping(v)), begin, gain="mobility", dead_zone=True,
-        )  # fmt: skip
-        free = {n: Unknown(n) for n in used}
-        free["mobility"] = Unknown("mobility", 1e-300)
-        problem = bind(model.named(used), free, {})
-        axes = {s.name: s.axis for s in task.plan.searched}
-        out = []
+        names = tuple(n for n in task.plan.names if n != "damping")
+        free = {n: Unknown(n) for n in names} | {"mobility": Unknown("mobility", 1e-300)}
+        model = _PerDamping().response(task.variant, experiments, begin, names)
+        problem, axes = bind(model, free, {}), {s.name: s.axis for s in task.plan.searched}
+        step, out = time_scales(experiments)[0], []
         for found in grid_search(
             problem, axes, lambda at: dead_time_axis(step, 8.0 * step, task.plan.lag(at))
         ):
-            eta = np.array([found[n] for n in used])
-            damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)
-            start = {**found, "damping": damping, "mass": found["mass"] * damping}
-            if "stiffness" in found:
-                start["stiffness"] = found["stiffness"] * damping
-            out.append(start)
+            mobility = solve(problem, problem.vector(found), max_iterations=0).linear[0]
+            sizes = dict.fromkeys(("mass", "damping", "stiffness"), 1.0 / max(mobility, 1e-300))
+            out.append({n: x * sizes.get(n, 1.0) for n, x in {**found, "damping": 1.0}.items()})
         return out
 
     def unmodelled_effects(self, plant: Plant[HydrostaticOptions]) -> Sequence[UnmodelledEffect]:
@@ -298,32 +245,11 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         }
 
 
-def _forces_at_rest(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
-    """Lowest and highest force at which the piston rests, but for 2 %, and the largest of all."""
-    forces = np.concatenate([e.sampled("force") for e in experiments])
-    speeds = np.abs(
-        np.concatenate([np.gradient(e.sampled("position"), e.time) for e in experiments])
-    )
-    resting = forces[speeds < _RESTING * np.nanquantile(speeds, 0.98)]
-    low, high = np.quantile(resting, (0.02, 0.98)) if resting.size else (0.0, 0.0)
-    return float(low), float(high), float(np.abs(forces).max())
+class _PerDamping(Hydrostatic):
+    """The same with mass and stiffness per damping, and one over that as its gain."""
 
+    gain = "mobility"
 
-def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
-    """Lowest and highest force [N], and the highest speed but for 2 % [m/s].
-
-    Raises
-    ------
-    LogError
-        When nothing moves.
-    """
-    high = max(float(e["force"].max()) for e in experiments)
-    low = min(float(e["force"].min()) for e in experiments)
-    speeds = [np.abs(np.gradient(e["position"], e.time)) for e in experiments]
-    speed = float(np.quantile(np.concatenate(speeds), 0.98))
-    if max(high, -low) <= 0.0 or speed <= 0.0:
-        raise LogError(
-            "force or position does not change in any log",
-            remedy="Record strokes with a force that moves the piston.",
-        )
-    return low, high, speed
+    def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
+        """``1 / (mass s^2 + s + stiffness)``."""
+        return super().coefficients({**values, "damping": 1.0})

@@ -30,21 +30,20 @@ from ...estimation.named_model import Values
 from ...estimation.parametric import Fitted
 from ...estimation.response_model import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
-from ...estimation.unmodelled_effects import slopes
-from ...experiment import Experiment, FloatArray
+from ...estimation.unmodelled_effects import change_to
+from ...experiment import Experiment
 from ...family import (
     ParameterSpec,
     Plant,
     Request,
     Role,
-    Simulate,
     Structure,
     UnmodelledEffect,
     Variant,
 )
 from ...options import choice, number
 from ...units import as_time
-from .base import TransferFamily
+from .base import TransferFamily, any_dead_time, dead_time
 
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
 _EQUATION = (
@@ -71,6 +70,7 @@ class LineOptions(ResponseOptions):
 
 def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: Any) -> Variant:
     """A line behind what drives it; the gain is the one parameter that depends on that."""
+    steps = f"Record sharp steps of the {drive.name}, sampled several times within"
     return Variant(
         name,
         (Role("time", "s", "time of each sample"), drive, outlet),
@@ -80,17 +80,14 @@ def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: 
                 "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
                 remedy="Sample faster, or record a step instead of a slow change.",
             ),
-            ParameterSpec(
-                "dead_time", "s", "time before the outlet begins to move",
-                neutral=0.0, minimum=0.0, curved=True,
-                remedy=f"Record sharp steps of the {drive.name}, sampled several times within "
-                "the time the wave needs to travel.",
+            dead_time(
+                "time before the outlet begins to move",
+                f"{steps} the time the wave needs to travel.",
             ),
             ParameterSpec(
                 _SECOND, "s", "of a second order, about its shorter lag; of a first order 0",
                 neutral=0.0, minimum=0.0, optional=True,
-                remedy=f"Record sharp steps of the {drive.name}, sampled several times within it; "
-                "or leave --order out.",
+                remedy=f"{steps} it; or leave --order out.",
             ),
         ),
         **more,
@@ -138,20 +135,10 @@ class Line(TransferFamily[LineOptions]):
     gain = "gain"
     steady_offset = True
 
-    @staticmethod
-    def realise(values: Values) -> tuple[Any, Any, Any]:
-        """State space with unit gain, balanced by scaling time."""
-        slow, fast = values["time_constant"], values.get(_SECOND)
-        if not fast:
-            return np.array([[-1.0 / slow]]), np.array([1.0 / slow]), np.array([1.0])
-        rate = 1.0 / np.sqrt(slow * fast)
-        a = rate * np.array([[0.0, 1.0], [-1.0, -slow * rate]])
-        return a, rate * np.array([0.0, 1.0]), np.array([1.0, 0.0])
-
-    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """``gain / (time_constant second_time_constant s^2 + time_constant s + 1)``."""
+    def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
+        """``1 / (time_constant second_time_constant s^2 + time_constant s + 1)``."""
         slow, fast = values["time_constant"], values.get(_SECOND, 0.0)
-        return [values["gain"]], [slow * fast, slow, 1.0] if fast else [slow, 1.0]
+        return [1.0], [slow * fast, slow, 1.0] if np.real(fast) else [slow, 1.0]
 
     def plan(self, experiments: Sequence[Experiment], request: Request[LineOptions]) -> Plan:
         """Search over time constants and dead times."""
@@ -165,7 +152,7 @@ class Line(TransferFamily[LineOptions]):
         axis = np.geomspace(0.3 * step, 0.5 * span, 7)
         searched = [
             Searched("time_constant", step, (1e-3 * step, 100.0 * span), axis),
-            Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
+            any_dead_time(step, span),
         ]
         if request.options.order == "second" or _SECOND in request.fixed:
             none = 0.1 * step  # too short for the samples to show it
@@ -173,16 +160,18 @@ class Line(TransferFamily[LineOptions]):
         return Plan(searched, lag=lambda at: at["time_constant"])
 
     def unmodelled_effects(self, plant: Plant[LineOptions]) -> Sequence[UnmodelledEffect]:
-        """A second order, where one was fitted; see :meth:`Family.unmodelled_effects`."""
-        found = list(super().unmodelled_effects(plant))
-        if _SECOND not in plant.values:
-            found.append(
-                UnmodelledEffect(
-                    "second order", "the response is of second order", "Try --order=second.",
-                    partial(_second_order, plant), "s", positive=True, offered=True,
-                )
-            )  # fmt: skip
-        return found
+        """A second order, where the first was fitted; see :meth:`Family.unmodelled_effects`.
+
+        A tiny lag could not be told from a dead time with a longer time constant.
+        """
+        size = _PART * plant.numbers["time_constant"]
+        behind = replace(plant, values={**plant.values, _SECOND: size})
+        second = UnmodelledEffect(
+            "second order", "the response is of second order", "Try --order=second.",
+            partial(change_to, plant, behind, size), "s", positive=True, offered=True,
+        )  # fmt: skip
+        fitted = plant.values.get(_SECOND)
+        return [*super().unmodelled_effects(plant), *([] if fitted else [second])]
 
     derived_units: ClassVar[Mapping[str, str]] = {
         "bandwidth": "rad/s", "rise_time": "s", "wave_travel_time": "s",
@@ -196,24 +185,21 @@ class Line(TransferFamily[LineOptions]):
         rise time has no closed form.
         """
         slow, fast = values["time_constant"], values.get(_SECOND, 0.0)
-        if fast:
-            product = slow * fast
-            middle = 0.5 * slow**2 - product
-            out = {"bandwidth": 1.0 / np.sqrt(middle + np.sqrt(middle**2 + product**2))}
-        else:
-            out = {"bandwidth": 1.0 / slow, "rise_time": np.log(9.0) * slow}
+        middle = slow * (0.5 * slow - fast)
+        out = {"bandwidth": 1.0 / np.sqrt(middle + np.sqrt(middle**2 + (slow * fast) ** 2))}
+        if not fast:
+            out["rise_time"] = np.log(9.0) * slow
         if options.length is not None:
             out["wave_travel_time"] = options.length / (options.sound_speed or _SOUND_IN_AIR)
             if np.real(values["dead_time"]) > 0.0:
                 out["apparent_sound_speed"] = options.length / values["dead_time"]
         return out
 
-    def remarks(self, fitted: Fitted, options: LineOptions) -> list[Notice]:
+    def notices(self, fitted: Fitted, options: LineOptions) -> list[Notice]:
         """How the dead time compares with ``L/c``."""
         length, speed = options.length, options.sound_speed
-        if length is None:
-            return []
-        dead_time, expected = fitted.values["dead_time"], length / (speed or _SOUND_IN_AIR)
+        dead_time = fitted.values["dead_time"]
+        expected = self.derived(fitted.values, options).get("wave_travel_time", dead_time)
         error = fitted.std_error("dead_time") if "dead_time" in fitted.names else 0.0
         if abs(dead_time - expected) <= max(2.0 * error, 0.05 * expected):
             return []
@@ -228,16 +214,3 @@ class Line(TransferFamily[LineOptions]):
                 "inlet signal are late.",
             )
         ]
-
-
-def _second_order(
-    plant: Plant[LineOptions], experiments: Sequence[Experiment], simulate: Simulate
-) -> list[dict[str, FloatArray]]:
-    """Change of the outlet by a second time constant, per its size.
-
-    A tiny one could not be told from a dead time with a longer time constant.
-    """
-    size = _PART * plant.numbers["time_constant"]
-    behind = replace(plant, values={**plant.values, _SECOND: size})
-    before, after = simulate(plant, experiments), simulate(behind, experiments)
-    return slopes(before, after, plant.variant.output.name, size)

@@ -1,13 +1,13 @@
 """A small transfer function as a model of runs: dead time, dead zone, initial state, offset.
 
-A family gives its state space ``(A, B, C)`` as a function of named values.
+A family gives its coefficients as a function of named values (:class:`Law`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from ...estimation.named_model import NamedModel, Values, bind
 from ...estimation.problem import Basis, real_if_real
 from ...estimation.response_model import Beginning
 from ...experiment import Array, Experiment, FloatArray, Signal
-from ...family import Simulated
+from ...family import Simulated, Variant
 from ...rows import repeated, side_by_side
 
 T = TypeVar("T")
-Realisation = Callable[[Values], tuple[Array, Array, Array]]
+EDGES = ("dead_zone_negative", "dead_zone_positive")
 ANY = Beginning()
 _FEWEST = 4  # samples that are left of a run
 
@@ -38,12 +38,44 @@ class Free:
 
     a: Array
     c: Array
-    states: tuple[int, ...]
+    states: Sequence[int]
 
 
 def any_start(a: Array, b: Array, c: Array) -> Free:
     """Every state of a system by itself."""
-    return Free(a, c, tuple(range(c.size)))
+    return Free(a, c, range(c.size))
+
+
+class Law(Protocol):
+    """The family as its model needs it; see :class:`.TransferFamily`."""
+
+    gain: ClassVar[str | None]
+    dead_zone: ClassVar[bool]
+
+    def realise(self, values: Values) -> tuple[Array, Array, Array]:
+        """State space of unit gain."""
+        ...
+
+    def beginnings(self, values: Values) -> Free:
+        """Possible initial states of a run with an offset of its own."""
+        ...
+
+
+def state_space(numerator: Sequence[Any], denominator: Sequence[Any]) -> tuple[Array, Array, Array]:
+    """``(A, B, C)`` of a strictly proper transfer function, falling powers of ``s``.
+
+    Analytic in the coefficients, which are of order one in the scale of time that is chosen. The
+    first state is the output, the next ones its derivatives, but for the numerator.
+    """
+    den = np.array(denominator) / denominator[0]
+    order = den.size - 1
+    rate = max(abs(np.real(d)) ** (1.0 / k) for k, d in enumerate(den) if k and d != 0.0)
+    powers = rate ** np.arange(order + 1.0)
+    a = rate * np.eye(order, k=1, dtype=den.dtype)
+    a[-1] = -rate * (den / powers)[:0:-1]
+    given = np.array(numerator)[::-1] / denominator[0] * powers[: len(numerator)] / powers[-1]
+    c = np.append(given, np.zeros(order - given.size))
+    return a, rate * np.eye(order)[-1], c
 
 
 @dataclass(frozen=True)
@@ -75,58 +107,34 @@ class TransferModel:
 
     Parameters
     ----------
-    experiments
-        With the roles ``input_role`` and ``output_role``.
-    realise
-        ``values -> (A, B, C)``, analytic; balanced so that ``A`` has equal entries.
-    beginnings
-        ``beginnings(values)``: what a run with an offset of its own may have begun with. A
-        state whose free response is a constant, like the position of a free mass, is not
-        among them: the offset already stands for it.
-    gain
-        Name of the parameter that multiplies the response, or None when the gain is
-        part of the realisation.
-    dead_zone
-        Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive``.
-        Without one, the response is to the departure of the input from its first value,
-        and the level goes into the offset where there is one.
+    law
+        The family. Without a dead zone the response is to the departure of the input from its
+        first value, and the level goes into the offset where there is one.
+    variant, experiments
+        The roles, and the runs to be described; their output need not have been recorded.
     begin
         What the runs begin with; the initial state is that of the first sample described.
     """
 
     def __init__(
-        self,
-        experiments: Sequence[Experiment],
-        input_role: str,
-        output_role: str,
-        realise: Realisation,
-        beginnings: Callable[[Values], Free],
+        self, law: Law, variant: Variant, experiments: Sequence[Experiment],
         begin: Beginning = ANY,
-        *,
-        gain: str | None = None,
-        dead_zone: bool = False,
-    ) -> None:
-        self.begin = begin
-        self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
-        self.beginnings = beginnings
-        self.resolutions = [
-            e.signals[output_role].resolution for e in experiments if output_role in e
-        ]
-        self.levels = [input_level(e.signals[input_role]) for e in experiments]
+    ) -> None:  # fmt: skip
+        self.law, self.begin, self.gain = law, begin, law.gain
+        drive, output = variant.driving[0].name, variant.output.name
+        recorded = [(k, e) for k, e in enumerate(experiments) if output in e]
+        self.resolutions = [e.signals[output].resolution for _, e in recorded]
+        self.levels = [input_level(e.signals[drive]) for e in experiments]
         self.logs = [e.log for e in experiments]
         several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.several = several if begin.offset == "log" else []
-        self.prepared = [self._prepare(e, input_role) for e in experiments]
-        self.measured = [
-            e[output_role][p.unseen :]
-            for e, p in zip(experiments, self.prepared)
-            if output_role in e
-        ]
+        self.prepared = [self._prepare(e, drive) for e in experiments]
+        self.measured = [e[output][self.prepared[k].unseen :] for k, e in recorded]
         self._known: dict[tuple[str, int], tuple[bytes, Any]] = {}
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
-        u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
+        u = piecewise(signal, level=0.0 if self.law.dead_zone else input_level(signal))
         rest = self.begin.rest or signal.time.size == 1
         time, unseen = experiment.time, 0
         if not rest:  # a few are left of a run that ends before
@@ -157,11 +165,10 @@ class TransferModel:
     def _forced(self, index: int, values: Values) -> Array:
         """Response of one run to its input, shape ``(n,)``."""
         p, u = self.prepared[index], self.prepared[index].u
-        a, b, c = map(real_if_real, self.realise(values))
-        if self.dead_zone:
-            names = ("dead_zone_negative", "dead_zone_positive")
-            edges = real_if_real(np.array([values[n] for n in names]))
-            u = apply_dead_zone(p.u, *edges)
+        a, b, c = map(real_if_real, self.law.realise(values))
+        if self.law.dead_zone:
+            edges = real_if_real(np.array([values[n] for n in EDGES]))
+            u = apply_dead_zone(u, *edges)
             states = states_at_nodes(a, b, u, p.nodes)
         else:  # dead times differ in the output equation alone
             states = self._remember(
@@ -192,7 +199,7 @@ class TransferModel:
         if p.rest:
             return repeated(np.ones(int(p.own)), p.samples.instants.size)
         # an offset that is not the run's own stands for no initial state
-        free = self.beginnings(values) if p.own else any_start(*self.realise(values))
+        free = self.law.beginnings(values) if p.own else any_start(*self.law.realise(values))
         return self._remember(
             ("free", index), (free.a, free.c),
             lambda: free_response(free.a, free.c, p.samples, free.states, p.own),

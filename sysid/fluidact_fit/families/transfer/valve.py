@@ -14,18 +14,18 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ...estimation.named_model import NamedModel, Values
-from ...estimation.response_model import Beginning, Plan, ResponseOptions, Searched
+from ...estimation.named_model import Values
+from ...estimation.response_model import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Request, Role, Structure, Variant
 from ...options import choice
-from .base import ASKED, TransferFamily
+from .base import ASKED, TransferFamily, any_dead_time, dead_time
 
 _RISE = "Record steps of the command, sampled at least ten times within the rise of the outlet."
 _SHARP = "Record sharp steps of the command at a higher sampling rate."
@@ -75,15 +75,10 @@ class Valve(TransferFamily[ValveOptions]):
                     remedy=f"{_RISE} Where the outlet rises like a first-order lag, the logs show "
                     "no second order: fit a family of first order.",
                 ),
-                ParameterSpec(
-                    "dead_time", "s", "time before the outlet begins to move",
-                    neutral=0.0, minimum=0.0, curved=True,
-                    remedy=_SHARP,
-                ),
+                dead_time("time before the outlet begins to move", _SHARP),
                 ParameterSpec(
                     "zero_time_constant", "s", "time constant of the zero", neutral=0.0,
-                    optional=True,
-                    remedy=_SHARP,
+                    optional=True, remedy=_SHARP,
                 ),
             ),
         ),
@@ -100,60 +95,48 @@ class Valve(TransferFamily[ValveOptions]):
     gain = "gain"
     steady_offset = True
 
-    @staticmethod
-    def realise(values: Values) -> tuple[Any, Any, Any]:
-        """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
+    def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
+        """``wn^2 (zero s + 1) / (s^2 + 2 zeta wn s + wn^2)``."""
         wn, zeta = values["natural_frequency"], values["damping_ratio"]
-        a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
-        b = wn * np.array([0.0, 1.0])
-        c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
-        return a, b, c
-
-    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
-        """``gain wn^2 (zero s + 1) / (s^2 + 2 zeta wn s + wn^2)``."""
-        wn, zeta = values["natural_frequency"], values["damping_ratio"]
-        numerator = [values["gain"] * wn**2]
-        if values.get("zero_time_constant"):
-            numerator = [numerator[0] * values["zero_time_constant"], numerator[0]]
-        return numerator, [1.0, 2.0 * zeta * wn, wn**2]
+        numerator, zero = [wn**2], values.get("zero_time_constant")
+        return [zero * wn**2, *numerator] if zero else numerator, [1.0, 2.0 * zeta * wn, wn**2]
 
     def plan(self, experiments: Sequence[Experiment], request: Request[ValveOptions]) -> Plan:
-        """Search over frequencies and dampings; a dead time and a zero where asked for."""
+        """Search over frequencies and dampings."""
         step, span = time_scales(experiments)
         frequencies = np.geomspace(3.0 / span, 2.5 / step, 12)
         searched = [
             Searched("natural_frequency", 1.0 / step, (1e-3 / span, 1e3 / step), frequencies),
             Searched("damping_ratio", 1.0, (1e-6, 1e3), np.array([0.2, 0.7, 2.0])),
-            Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
-        ]
-        if request.options.zero == "estimate" or "zero_time_constant" in request.fixed:
+            any_dead_time(step, span),
             # near zero it and the dead time change the output alike: it is the one to be given up
-            sensible = 0.2 * span
-            searched.append(Searched("zero_time_constant", step, (-span, span), sensible=sensible))
-        return Plan(
-            searched,
-            lag=lambda at: 2.0 / at["natural_frequency"],
-            fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
-        )
+            Searched("zero_time_constant", step, (-span, span), sensible=0.2 * span),
+        ]
+        return Plan(searched, lag=lambda at: 2.0 / at["natural_frequency"])
 
-    def response(
-        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
-        names: tuple[str, ...],
-    ) -> NamedModel:  # fmt: skip
-        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
-        model = super().response(variant, experiments, begin, names)
-        return replace(model, follow=_follow) if "zero_time_constant" in names else model
+    def follow(self, values: Values, change: Mapping[str, float]) -> dict[str, float]:
+        """Along the coefficients of the denominator where the zero moves too.
+
+        A zero near a pole changes the output as little as a pole that moves with it. On the line of
+        :func:`_other_zeros` the coefficients are straight; frequency and damping are curved.
+        """
+        out = super().follow(values, change)
+        if {"natural_frequency", "damping_ratio", "zero_time_constant"} <= change.keys():
+            share = change["natural_frequency"] / values["natural_frequency"]
+            a, b = _coefficients(values)
+            a += a * (change["damping_ratio"] / values["damping_ratio"] - share)
+            b -= 2.0 * b * share
+            if a > 0.0 and b > 0.0:
+                out |= _poles(a, b)
+        return out
 
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
         """Aliases of an oscillation, everything faster for a fast valve, other zeros.
 
         Poles ``-a +- jb`` and ``-a +- j(2 pi k / step +- b)`` decay and swing alike at the
         samples; only the size of the first ones tells them apart. Those of what is sampled well
-        would hardly be damped at all, as no valve is.
-
-        A zero on either side of a pole that it nearly cancels can be an optimum of its own. With
-        ``m = 2 zeta / wn - T_z``, any ``T_z`` leaves the mean and the spread of the response as
-        they are if ``2 zeta / wn`` grows as much as it and ``1 / wn^2`` ``m`` times as much.
+        would hardly be damped at all, as no valve is. A zero may lie on either side of a pole that
+        it nearly cancels; see ``docs/theory/responses.md``.
         """
         wn, zeta = values["natural_frequency"], values["damping_ratio"]
         poles = []
@@ -188,25 +171,11 @@ class Valve(TransferFamily[ValveOptions]):
         return out
 
 
-def _follow(values: Values, change: Mapping[str, float]) -> dict[str, float]:
-    """Where a change leads: along the coefficients of the denominator where the zero moves too.
-
-    A zero near a pole changes the output as little as a pole that moves with it. On the line of
-    :meth:`Valve.elsewhere` the coefficients are straight; frequency and damping are curved.
-    """
-    out = {n: values[n] + step for n, step in change.items()}
-    if {"natural_frequency", "damping_ratio", "zero_time_constant"} <= change.keys():
-        share = change["natural_frequency"] / values["natural_frequency"]
-        a, b = _coefficients(values)
-        a += a * (change["damping_ratio"] / values["damping_ratio"] - share)
-        b -= 2.0 * b * share
-        if a > 0.0 and b > 0.0:
-            out |= _poles(a, b)
-    return out
-
-
 def _other_zeros(values: Values) -> list[dict[str, float]]:
-    """Zeros with the poles that leave the mean and the spread of the response as they are."""
+    """Zeros with the poles that leave the mean and the spread of the response as they are.
+
+    With ``m = a - T_z`` any ``T_z`` does if ``a`` grows as much and ``b`` ``m`` times as much.
+    """
     if "zero_time_constant" not in values:
         return []
     a0, b0 = _coefficients(values)
