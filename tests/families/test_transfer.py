@@ -370,6 +370,15 @@ def test_a_search_that_ends_beside_no_spring_is_repeated_without_one() -> None:
     assert all(abs(e.deviations) < 4.0 for e in found.errors.values())
 
 
+def test_dry_friction_is_looked_for_behind_a_beginning_that_is_left_out() -> None:
+    """Refused: the speed at the first sample, which is not described, was no number."""
+    (attack,) = (a for a in hydrostatic.attacks()
+                 if (a.group, a.name) == ("everything asked for", "dead time 30 ms"))  # fmt: skip
+    found = run_attack(attack, repetition=0, seed=73120551)
+    assert found.verdict == "pass"
+    assert all(abs(e.deviations) < 4.0 for e in found.errors.values())
+
+
 def test_a_spring_that_hardly_is_one_is_known_as_well_as_a_weak_one() -> None:
     """At 7e-7 N/m the standard error was a third of what it is, and two such values "rivals"."""
     names = ["mass", "damping", "dead_zone_negative", "dead_zone_positive", "stiffness"]

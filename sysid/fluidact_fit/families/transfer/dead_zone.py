@@ -115,7 +115,8 @@ def _rubbed(
     resisted = []
     for e, s in zip(experiments, before, strict=True):
         free = beyond_dead_zone(e["force"], low + friction, high - friction)
-        speed = float(s.output[1] - s.output[0]) / float(e.time[1] - e.time[0])
+        first = np.flatnonzero(np.isfinite(s.output))[:2]  # a beginning may be left out
+        speed = float(np.diff(s.output[first])[0] / np.diff(e.time[first])[0])
         lost = _friction(e.time, free, friction, v["mass"], v["damping"], speed)
         resisted.append(e.with_readings("force", free - lost))
     return slopes(before, simulate(behind, resisted), "position", friction)
