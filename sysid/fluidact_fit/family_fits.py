@@ -403,7 +403,7 @@ def fit_valve(
 
     ::
 
-        outlet(s)/command(s) = gain * natural_frequency^2 * (zero_time_constant s + 1) *
+        outlet(s)/command(s) = gain * natural_frequency^2 (* (zero_time_constant s + 1)) *
         exp(-dead_time s) / (s^2 + 2 damping_ratio natural_frequency s + natural_frequency^2)
 
     Roles: ``time`` [s], ``command`` [V or A or 1], ``outlet`` [Pa or m3/s or V or 1].
@@ -520,8 +520,8 @@ def fit_line(
 
     ::
 
-        outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant second_time_constant s^2 +
-        time_constant s + 1)
+        outlet(s)/inlet(s) = gain * exp(-dead_time s) / (time_constant s + 1 (+ time_constant
+        second_time_constant s^2))
 
     Roles (line): ``time`` [s], ``inlet`` [Pa or V or A or 1], ``outlet`` [Pa or V or A or 1].
 
@@ -543,11 +543,11 @@ def fit_line(
     offset
         Whether the output has an offset.
     length
-        Length of the line, to compare the dead time with: a number above 0 [m].
+        Length, to compare the dead time with: a number above 0 [m].
     sound_speed
         Sound speed in the line: a number above 0 [m/s].
     order
-        Whether one time constant is estimated, or two.
+        Whether to estimate one time constant, or two.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
         column of its own name.

@@ -44,6 +44,13 @@ def test_what_is_written_is_what_is_set(text: str, parts: list[str]) -> None:
         assert part in typeset(text)
 
 
+def test_parts_of_absent_parameters_are_left_out() -> None:
+    text = "y = a (* (late s + 1)) / (s + b (+ stiffness x))"
+    assert read(typeset(text)) == "y=a·(lates+1)s+b+stiffnessx"
+    assert read(typeset(text, {"late"})) == "y=as+b+stiffnessx"
+    assert read(typeset(text, {"late", "stiffness", "other"})) == "y=as+b"
+
+
 @pytest.mark.parametrize("text", ["y = (a", "y = a)", "y = <b>&x", "= ", "y = $x", "a ^ = b"])
 def test_what_is_no_equation_stays_as_it_is_typed(text: str) -> None:
     html = typeset(text)

@@ -386,6 +386,7 @@ def test_page_of_a_file_alone(tmp_path: Path) -> None:
     found.feed(path.read_text(encoding="utf-8"))
     assert found.sources == []
     assert "<mi>time_constant</mi>" in path.read_text(encoding="utf-8")
+    assert "second_time_constant" not in found.text  # a line of first order
     assert "time_constant" in found.text
     with pytest.raises(OutputError):
         write_document_html(document, path)

@@ -2,12 +2,14 @@
 
 The text is that of a program with the freedoms of a page: ``a b`` is a product, ``y'`` a
 derivative, ``x^2`` a power, ``w[i]`` an entry, ``|x|`` a magnitude, ``f(x)`` a function. What a
-comma or a semicolon sets apart and is no equation stays text.
+comma or a semicolon sets apart and is no equation stays text. Brackets that begin with a sign, as
+in ``a (+ b x) (* (c s + 1))``, hold what is there with its parameters only.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Set
 
 from .html import code, escape
 
@@ -15,6 +17,7 @@ _TOKEN = re.compile(
     r"(?P<space>\s+)|(?P<name>[^\W\d]\w*)|(?P<number>\d+(?:\.\d+)?)|(?P<prime>'+)"
     r"|(?P<sign>\+-|[-+*/^=<>|()\[\],])"
 )
+_OPTIONAL = re.compile(r" \(([-+*] (?:[^()]|\([^()]*\))*)\)")
 _INDEXED = re.compile(r"(.+?)_?(\d|(?<=_)[a-z])")
 _SUMS = ("-", "+", "+-")
 _RELATIONS = ("=", "<", ">")
@@ -23,11 +26,14 @@ _COMMA = '<mo form="infix" lspace="0" rspace="0.3em">,</mo>'
 _CLOSING = {"(": ")", "[": "]", "|": "|"}
 
 
-def typeset(text: str) -> str:
-    """An equation as HTML; as it is typed where it cannot be read.
+def typeset(text: str, absent: Set[str] = frozenset()) -> str:
+    """An equation as HTML, without parts of ``absent`` parameters; as typed if it cannot be read.
 
     Terms of a sum are formulas of their own, so that a long equation breaks between them.
     """
+    text = _OPTIONAL.sub(
+        lambda found: "" if absent & set(re.findall(r"\w+", found[1])) else f" {found[1]}", text
+    )
     try:
         return "; ".join(", ".join(map(_clause, _split(part, ","))) for part in _split(text, ";"))
     except _UnreadableError:

@@ -192,8 +192,10 @@ def _listed(title: str, document: ParameterDocument, *, notes: bool) -> str:
 
 def _equation(document: ParameterDocument) -> str:
     family = get_family(document.family)
-    equation = family.variant(document.variant).equation or family.equation
-    return f"<h2>Equation</h2>{scrolling('Equation', typeset(equation), 'equation')}"
+    variant = family.variant(document.variant)
+    absent = {p.name for p in variant.parameters} - document.parameters.keys()
+    equation = typeset(variant.equation or family.equation, absent)
+    return f"<h2>Equation</h2>{scrolling('Equation', equation, 'equation')}"
 
 
 def _parameters(document: ParameterDocument) -> str:

@@ -32,15 +32,7 @@ from ...estimation.response_model import Plan, ResponseOptions, Searched
 from ...estimation.starts import time_scales
 from ...estimation.unmodelled_effects import change_to
 from ...experiment import Experiment
-from ...family import (
-    ParameterSpec,
-    Plant,
-    Request,
-    Role,
-    Structure,
-    UnmodelledEffect,
-    Variant,
-)
+from ...family import ParameterSpec, Plant, Request, Role, Structure, UnmodelledEffect, Variant
 from ...options import choice, number
 from ...units import as_time
 from .base import TransferFamily, any_dead_time, dead_time
@@ -48,7 +40,7 @@ from .base import TransferFamily, any_dead_time, dead_time
 _SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
 _EQUATION = (
     "outlet(s)/{}(s) = gain * exp(-dead_time s) "
-    "/ (time_constant second_time_constant s^2 + time_constant s + 1)"
+    "/ (time_constant s + 1 (+ time_constant second_time_constant s^2))"
 )
 _SECOND = "second_time_constant"
 _PART = 0.1  # of the first time constant, that a second one is tried with
@@ -59,31 +51,29 @@ _SOUND_IN_AIR = 343.0  # at 20 °C [m/s]
 class LineOptions(ResponseOptions):
     """Options about the line."""
 
-    length: float | None = number(
-        help="length of the line, to compare the dead time with", unit="m", above=0.0
-    )
+    length: float | None = number(help="length, to compare the dead time with", unit="m", above=0.0)
     sound_speed: float | None = number(help="sound speed in the line", unit="m/s", above=0.0)
     order: str = choice(
-        "first", ("first", "second"), "whether one time constant is estimated, or two"
+        "first", ("first", "second"), "whether to estimate one time constant, or two"
     )
 
 
-def _variant(name: str, drive: Role, outlet: Role, gain: ParameterSpec, **more: Any) -> Variant:
-    """A line behind what drives it; the gain is the one parameter that depends on that."""
+def _variant(name: str, drive: Role, outlet: Role, gain: dict[str, Any], **more: Any) -> Variant:
+    """A line behind what drives it; ``gain`` is what of its spec depends on that."""
     steps = f"Record sharp steps of the {drive.name}, sampled several times within"
     return Variant(
         name,
         (Role("time", "s", "time of each sample"), drive, outlet),
         (
-            gain,
+            ParameterSpec(
+                "gain", description=f"steady outlet per {drive.name}", **gain,
+                remedy=f"Record at least one step of the {drive.name} between two levels.",
+            ),
             ParameterSpec(
                 "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
                 remedy="Sample faster, or record a step instead of a slow change.",
             ),
-            dead_time(
-                "time before the outlet begins to move",
-                f"{steps} the time the wave needs to travel.",
-            ),
+            dead_time("time before the outlet begins to move", f"{steps} the time a wave travels."),
             ParameterSpec(
                 _SECOND, "s", "of a second order, about its shorter lag; of a first order 0",
                 neutral=0.0, minimum=0.0, optional=True,
@@ -106,10 +96,7 @@ class Line(TransferFamily[LineOptions]):
             Role("inlet", "Pa", "pressure at the valve side", hold="auto", alternatives=_SENSORS),
             Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
                  output=True, alternatives=_SENSORS),
-            ParameterSpec(
-                "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
-                remedy="Record at least one step of the inlet between two levels.",
-            ),
+            {"unit": "1", "minimum": 0.0},
             alike=("inlet", "outlet"),
             unlike="If inlet is the command of a valve, name it so: --column command=HEADER.",
         ),
@@ -118,10 +105,7 @@ class Line(TransferFamily[LineOptions]):
             Role("command", "V", "command of the valve before the line", hold="zoh",
                  alternatives=("A", "1")),
             Role("outlet", "Pa", "pressure at the far end", output=True, alternatives=("V", "1")),
-            ParameterSpec(
-                "gain", "Pa/V", "steady outlet pressure per command", ratio=("outlet", "command"),
-                remedy="Record at least one step of the command between two levels.",
-            ),
+            {"unit": "Pa/V", "ratio": ("outlet", "command")},
             equation=_EQUATION.format("command"),
         ),
     )  # fmt: skip
@@ -144,9 +128,8 @@ class Line(TransferFamily[LineOptions]):
         """Search over time constants and dead times."""
         if request.options.sound_speed is not None and request.options.length is None:
             raise UsageError(
-                "--sound-speed means nothing without --length: it is what the dead time of a line "
-                "of known length is compared with",
-                remedy="Give --length as well, or leave it out.",
+                "--sound-speed means nothing without --length",
+                remedy="Give the length of the line as well, or leave it out.",
             )
         step, span = time_scales(experiments)
         axis = np.geomspace(0.3 * step, 0.5 * span, 7)
@@ -197,20 +180,20 @@ class Line(TransferFamily[LineOptions]):
 
     def notices(self, fitted: Fitted, options: LineOptions) -> list[Notice]:
         """How the dead time compares with ``L/c``."""
-        length, speed = options.length, options.sound_speed
-        dead_time = fitted.values["dead_time"]
+        dead_time, known = fitted.values["dead_time"], options.sound_speed
         expected = self.derived(fitted.values, options).get("wave_travel_time", dead_time)
         error = fitted.std_error("dead_time") if "dead_time" in fitted.names else 0.0
         if abs(dead_time - expected) <= max(2.0 * error, 0.05 * expected):
             return []
-        assumed = "" if speed else " (air at 20 °C assumed; give --sound-speed)"
+        assumed = "" if known else " (air at 20 °C assumed; give --sound-speed)"
+        cause = "The time stamps or the inlet signal are late."
+        if dead_time > expected:
+            cause = "It includes delays of valve, sensor or bus, or the slow first part of filling."
         return [
             Notice(
                 "dead-time-not-travel-time",
-                f"the dead time {as_time(dead_time)} is not the travel time "
-                f"L/c = {as_time(expected)} of {length:g} m at {speed or _SOUND_IN_AIR:g} m/s"
-                f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
-                "slow first part of filling; a shorter one means that the time stamps or the "
-                "inlet signal are late.",
+                f"the dead time {as_time(dead_time)} is not the travel time L/c = "
+                f"{as_time(expected)} of {options.length:g} m at {known or _SOUND_IN_AIR:g} m/s"
+                f"{assumed}. {cause}",
             )
         ]

@@ -47,7 +47,7 @@ class Valve(TransferFamily[ValveOptions]):
     name = "valve"
     title = "Valve: gain, natural frequency and damping ratio"
     equation = (
-        "outlet(s)/command(s) = gain * natural_frequency^2 * (zero_time_constant s + 1) "
+        "outlet(s)/command(s) = gain * natural_frequency^2 (* (zero_time_constant s + 1)) "
         "* exp(-dead_time s) / (s^2 + 2 damping_ratio natural_frequency s + natural_frequency^2)"
     )
     variants = (
