@@ -27,7 +27,7 @@ from ...estimation.response_model import (
     Searched,
 )
 from ...estimation.sampled import discretise
-from ...estimation.unmodelled_effects import initial_states, output_offset, soft_edges
+from ...estimation.unmodelled_effects import initial_states, output_offset
 from ...experiment import Array, Experiment, FloatArray, Hold
 from ...family import (
     Excitation,
@@ -43,7 +43,7 @@ from ...family import (
     Variant,
 )
 from .block import TransferBlock, TransferFunction
-from .model import EDGES, Free, TransferModel, any_start, simulate_transfer, state_space
+from .model import Free, TransferModel, any_start, simulate_transfer, state_space
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
@@ -152,25 +152,18 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         return sensitivity(model.named([n for n in v if n != self.gain]), v, level)
 
     def model(self, plant: Plant[T], sample_time: float, hold: Hold) -> dict[str, Any]:
-        """Dead zone, continuous transfer function, and the discrete one of a held input."""
-        v, section = plant.numbers, dict[str, Any]()
-        f = self.transfer_function(v)
-        if self.dead_zone:
-            section["input_nonlinearity"] = {n: v[n] for n in EDGES} | {"slope": 1.0}
-        section["continuous"] = {
-            "numerator": list(f.numerator), "denominator": list(f.denominator),
-            "dead_time": f.dead_time,
-        }  # fmt: skip
+        """The continuous transfer function, and the discrete one of a held input."""
+        f = self.transfer_function(plant.numbers)
+        parts = list(f.numerator), list(f.denominator), f.dead_time
+        section = {"continuous": dict(zip(("numerator", "denominator", "dead_time"), parts))}
         if sample_time > 0.0:
             section["discrete"] = discretise(f.numerator, f.denominator, sample_time, f.dead_time)
         return section
 
     def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
-        """Soft edges, and beginnings left out on request; see :meth:`Family.unmodelled_effects`."""
-        v, (role,), begin = plant.numbers, plant.variant.driving, plant.options.beginning
-        output, out = plant.variant.output.name, list[UnmodelledEffect]()
-        if self.dead_zone:
-            out.append(soft_edges(plant, role.name, (v[EDGES[0]], v[EDGES[1]])))
+        """Beginnings left out on request; see :meth:`Family.unmodelled_effects`."""
+        output, begin = plant.variant.output.name, plant.options.beginning
+        out = list[UnmodelledEffect]()
         if begin.offset == "none":
             out.append(output_offset(output))
         if begin.rest:
@@ -187,9 +180,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
     def prior_guess(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
-        """A dead zone of a fifth of the range, a dead time of one and a half samples."""
-        if name in EDGES:
-            return 0.2 * amplitude[EDGES.index(name)]
+        """A dead time of one and a half samples; see :meth:`Family.suppose`."""
         return 1.5 * sample_time if name == "dead_time" else None
 
     def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:

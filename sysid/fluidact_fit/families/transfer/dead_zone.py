@@ -1,4 +1,4 @@
-"""What is seen of the dead zone of a hydrostatic machine, and what is no dead zone."""
+"""A dead zone before a mass: its parameters, what is seen of it, and what is no dead zone."""
 
 from __future__ import annotations
 
@@ -11,17 +11,100 @@ import numpy as np
 
 from ...errors import NotIdentifiedError
 from ...estimation.inputs import beyond_dead_zone
-from ...estimation.unmodelled_effects import slopes
-from ...experiment import Experiment, FloatArray
-from ...family import Curve, PhysicsView, Plant, Runs, Simulate, UnmodelledEffect
+from ...estimation.unmodelled_effects import slopes, soft_edges
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Curve,
+    ParameterSpec,
+    PhysicsView,
+    Plant,
+    Request,
+    Runs,
+    Simulate,
+    Solution,
+    UnmodelledEffect,
+    Variant,
+)
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.held import HeldMass
 from ...mechanics.local_motion import delayed, local_motion
 from ...specification import quotient_unit
+from .base import T, TransferFamily
 from .model import EDGES
 
 _RESTING = 0.03  # of the highest speed, below which the piston rests
 _ASIDE = 0.05  # of the largest force, by which all those at rest may be on one side of zero
+
+
+def _edge(side: str, beyond: str, low: float, high: float) -> ParameterSpec:
+    return ParameterSpec(
+        f"dead_zone_{side}", "N", f"force {beyond} which the piston moves", neutral=0.0,
+        minimum=low, maximum=high, curved=True,
+        remedy=f"Record strokes in the {side} direction that pass the edge of the "
+        "dead zone slowly, several times.",
+    )  # fmt: skip
+
+
+DEAD_ZONE = _edge("negative", "below", -np.inf, 0.0), _edge("positive", "above", 0.0, np.inf)
+
+
+class BehindDeadZone(TransferFamily[T]):
+    """Base of a ``mass`` with ``damping`` that a force moves to a position, behind a dead zone."""
+
+    dead_zone = True
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
+    ) -> Solution[T]:
+        """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`."""
+        try:
+            return super().estimate(variant, experiments, request)
+        except NotIdentifiedError as error:
+            _blame_load_cell(error, experiments)
+            raise
+
+    def model(self, plant: Plant[T], sample_time: float, hold: Hold) -> dict[str, Any]:
+        """The dead zone, and what is behind it; see :meth:`Family.model`."""
+        edges = {n: plant.numbers[n] for n in EDGES}
+        section = super().model(plant, sample_time, hold)
+        return {"input_nonlinearity": {**edges, "slope": 1.0}, **section}
+
+    def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
+        """Soft edges, and dry friction; see :meth:`Family.unmodelled_effects`."""
+        low, high = (plant.numbers[n] for n in EDGES)
+        soft = soft_edges(plant, plant.variant.driving[0].name, (low, high))
+        # friction and spring: see the spring cylinder
+        dry = [] if "stiffness" in plant.values else [_dry_friction(plant)]
+        return [soft, *super().unmodelled_effects(plant), *dry]
+
+    def suppose(
+        self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
+    ) -> float | None:
+        """A dead zone of a fifth of the range; see :meth:`Family.suppose`."""
+        if name in EDGES:
+            return 0.2 * amplitude[EDGES.index(name)]
+        return super().suppose(name, plant, amplitude, sample_time)
+
+    def physics_view(self, plant: Plant[T], runs: Runs) -> PhysicsView | None:
+        """Steady velocity over force; none with a spring, which has no such curve."""
+        v, units = plant.numbers, runs[0][0].units
+        if v.get("stiffness"):
+            return None
+        forces, velocities = [], []
+        for e, s in runs:
+            position, force = e.sampled("position"), e.sampled("force")
+            noise = float(np.nanstd(position - s.output))
+            fine = 0.05 * float(np.std(force)) / v["damping"]
+            velocities.append(local_motion(e.time, position, noise, fine)[0])
+            forces.append(delayed(e.time, force, v.get("dead_time", 0.0)))
+        x, (low, high) = np.concatenate(forces), (v[n] for n in EDGES)
+        along = np.unique([*np.linspace(np.nanmin(x), np.nanmax(x), 200), low, high])
+        steady = beyond_dead_zone(along, low, high) / v["damping"]
+        return PhysicsView(
+            "Steady velocity over force, with the dead zone", "force", units["force"], "velocity",
+            quotient_unit(units["position"], "s"), Curve("measured", x, np.concatenate(velocities)),
+            [Curve("dead zone and damping", along, steady)],
+        )  # fmt: skip
 
 
 def speeds(experiments: Sequence[Experiment]) -> tuple[FloatArray, float]:
@@ -31,7 +114,7 @@ def speeds(experiments: Sequence[Experiment]) -> tuple[FloatArray, float]:
     return every, float(np.quantile(every, 0.98))
 
 
-def blame_load_cell(error: NotIdentifiedError, experiments: Sequence[Experiment]) -> None:
+def _blame_load_cell(error: NotIdentifiedError, experiments: Sequence[Experiment]) -> None:
     """Raise a refusal anew where the zero of the load cell seems to be off.
 
     Within the dead zone the piston rests, and the force passes zero: where it rests at forces of
@@ -56,26 +139,7 @@ def blame_load_cell(error: NotIdentifiedError, experiments: Sequence[Experiment]
     ) from error
 
 
-def steady_velocity(plant: Plant[Any], runs: Runs) -> PhysicsView:
-    """Velocity over force, as measured and of dead zone and damping alone."""
-    v, units = plant.numbers, runs[0][0].units
-    forces, velocities = [], []
-    for e, s in runs:
-        position, force = e.sampled("position"), e.sampled("force")
-        noise = float(np.nanstd(position - s.output))
-        fine = 0.05 * float(np.std(force)) / v["damping"]
-        velocities.append(local_motion(e.time, position, noise, fine)[0])
-        forces.append(delayed(e.time, force, v.get("dead_time", 0.0)))
-    x, edges = np.concatenate(forces), [v[n] for n in EDGES]
-    along = np.unique([*np.linspace(np.nanmin(x), np.nanmax(x), 200), *edges])
-    return PhysicsView(
-        "Steady velocity over force, with the dead zone", "force", units["force"], "velocity",
-        quotient_unit(units["position"], "s"), Curve("measured", x, np.concatenate(velocities)),
-        [Curve("dead zone and damping", along, beyond_dead_zone(along, *edges) / v["damping"])],
-    )  # fmt: skip
-
-
-def dry_friction(plant: Plant[Any]) -> UnmodelledEffect:
+def _dry_friction(plant: Plant[Any]) -> UnmodelledEffect:
     """Dry friction in place of a part of the dead zone; see :meth:`.Family.unmodelled_effects`.
 
     It is tried behind the dead zone, where the model is linear, as a force against the motion that

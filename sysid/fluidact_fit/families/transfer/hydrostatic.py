@@ -23,28 +23,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...errors import LogError, NotIdentifiedError
+from ...errors import LogError
 from ...estimation.named_model import Values, bind
 from ...estimation.problem import Unknown
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
-from ...family import (
-    ParameterSpec,
-    PhysicsView,
-    Plant,
-    Request,
-    Role,
-    Runs,
-    Solution,
-    Structure,
-    UnmodelledEffect,
-    Variant,
-)
+from ...family import ParameterSpec, Request, Role, Structure, Variant
 from ...options import choice
-from .base import ASKED, TransferFamily, any_dead_time, dead_time
-from .dead_zone import blame_load_cell, dry_friction, speeds, steady_velocity
+from .base import ASKED, any_dead_time, dead_time
+from .dead_zone import DEAD_ZONE, BehindDeadZone, speeds
 from .model import EDGES, Free
 
 
@@ -56,17 +45,7 @@ class HydrostaticOptions(ResponseOptions):
     dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")
 
 
-def _edge(side: str, beyond: str, low: float, high: float) -> ParameterSpec:
-    """An edge of the dead zone, on one side of zero."""
-    return ParameterSpec(
-        f"dead_zone_{side}", "N", f"force {beyond} which the piston moves", neutral=0.0,
-        minimum=low, maximum=high, curved=True,
-        remedy=f"Record strokes in the {side} direction that pass the edge of the "
-        "dead zone slowly, several times.",
-    )  # fmt: skip
-
-
-class Hydrostatic(TransferFamily[HydrostaticOptions]):
+class Hydrostatic(BehindDeadZone[HydrostaticOptions]):
     """Dead zone followed by mass, damping and an optional spring."""
 
     name = "hydrostatic"
@@ -95,8 +74,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                     neutral=0.0, optional=True,
                     remedy="Record strokes that stop at several positions.",
                 ),
-                _edge("negative", "below", -np.inf, 0.0),
-                _edge("positive", "above", 0.0, np.inf),
+                *DEAD_ZONE,
                 dead_time(
                     "dead time between force and position",
                     "Record sharp changes of the force at a higher sampling rate.", optional=True,
@@ -119,7 +97,6 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             "dead zone, dead time, spring", {"dead-time": "estimate", "stiffness": "estimate"}
         ),
     )  # fmt: skip
-    dead_zone = True
     reach = 1  # a free mass goes astray behind edges that are wrong: all look alike in the end
 
     def coefficients(self, values: Values) -> tuple[list[Any], list[Any]]:
@@ -148,23 +125,6 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         A search that ends beside zero may have stopped there with edges that make up for it.
         """
         return [{"stiffness": 0.0}] if values.get("stiffness") else []
-
-    def physics_view(self, plant: Plant[HydrostaticOptions], runs: Runs) -> PhysicsView | None:
-        """Velocity over force with the dead zone; none with a spring, which has no such curve."""
-        return None if plant.values.get("stiffness") else steady_velocity(plant, runs)
-
-    def estimate(
-        self,
-        variant: Variant,
-        experiments: Sequence[Experiment],
-        request: Request[HydrostaticOptions],
-    ) -> Solution[HydrostaticOptions]:
-        """Fit; a refusal names a zero of the load cell that is off. See :meth:`Family.estimate`."""
-        try:
-            return super().estimate(variant, experiments, request)
-        except NotIdentifiedError as error:
-            blame_load_cell(error, experiments)
-            raise
 
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals.
@@ -218,13 +178,6 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             sizes = dict.fromkeys(("mass", "damping", "stiffness"), 1.0 / max(mobility, 1e-300))
             out.append({n: x * sizes.get(n, 1.0) for n, x in {**found, "damping": 1.0}.items()})
         return out
-
-    def unmodelled_effects(self, plant: Plant[HydrostaticOptions]) -> Sequence[UnmodelledEffect]:
-        """Soft edges, and dry friction; see :meth:`Family.unmodelled_effects`."""
-        effects = list(super().unmodelled_effects(plant))
-        if "stiffness" not in plant.values:  # friction and spring: see the spring cylinder
-            effects.append(dry_friction(plant))
-        return effects
 
     derived_units: ClassVar[Mapping[str, str]] = {
         "time_constant": "s",
