@@ -9,6 +9,8 @@ import pytest
 from studies.structures import line
 
 import fluidact_fit as ff
+from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.family import Plant
 
 HELD = {"inlet": "zoh"}
 DATASET = Path(__file__).parents[2] / "datasets" / "line"
@@ -45,6 +47,18 @@ def test_a_line_of_first_order_has_no_second_time_constant() -> None:
     q = result.parameters["second_time_constant"]
     assert q.status == "not_identified" or q.number < 4.0 * float(q.std_error or 0.0)
     assert "second_time_constant" not in ff.fit("line", logs((0.12,)), hold=HELD).parameters
+
+
+def test_the_next_log_of_a_line_without_a_second_lag_is_designed() -> None:
+    """A derivative at none changed the order of the line: "a bug in fluidact-fit"."""
+    family, t = ff.get_family("line"), 0.01 * np.arange(200)
+    values = {"gain": 1.0, "time_constant": 0.12, "dead_time": 0.015, "second_time_constant": 0.0}
+    plant = Plant(family.variants[0], values, family.options_type())
+    inlet = Signal("inlet", t, np.sign(np.sin(20.0 * t)), "Pa", "zoh", 0.0)
+    information = family.information(plant, Experiment("", 0, t, {"inlet": inlet}, 0.01, True))
+    assert information is not None
+    assert np.isfinite(information.jacobian).all()
+    assert not information.jacobian[:, information.names.index("second_time_constant")].any()
 
 
 def test_a_second_order_that_is_not_there_leaves_the_dead_time() -> None:
