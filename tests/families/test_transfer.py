@@ -345,6 +345,19 @@ def test_what_answers_to_an_unrecorded_input_is_left_out() -> None:
     assert fit("line", whole).options.unrecorded is None  # these begin at rest
 
 
+def test_logs_with_and_without_an_output_are_simulated_together() -> None:
+    """That ended in "a bug in fluidact-fit"."""
+    logs, family = [line_log(k, log=k) for k in range(3)], get_family("line")
+    found = fit("line", logs)
+    blind = replace(logs[0], signals={"inlet": logs[0].signals["inlet"]})
+    for mixed in ([blind, *logs[1:]], [*logs[1:], blind]):
+        together = family.simulate(found.plant, mixed, 0.2)
+        alone = [family.simulate(found.plant, [e], 0.2)[0] for e in mixed]
+        for a, b in zip(together, alone, strict=True):
+            np.testing.assert_allclose(a.output, b.output)
+            assert a.offset == pytest.approx(b.offset)
+
+
 def test_mixed_up_columns_are_told(tmp_path) -> None:
     """Swapped columns, or one column twice, used to be told to sample faster."""
     from fluidact_fit import fit as fit_files

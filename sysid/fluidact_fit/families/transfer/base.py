@@ -43,7 +43,7 @@ from ...family import (
     Variant,
 )
 from .block import TransferBlock, TransferFunction
-from .model import Free, TransferModel, any_start, simulate_transfer, state_space
+from .model import TransferModel, state_space
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
@@ -107,9 +107,14 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Where a change of some values leads, straight on; see :class:`.NamedModel`."""
         return {n: values[n] + step for n, step in change.items()}
 
-    def beginnings(self, values: Values) -> Free:
-        """Possible initial states of a run with an offset of its own; any state."""
-        return any_start(*self.realise(values))
+    def beginnings(self, values: Values, offset: bool) -> tuple[Array, Array, Sequence[int]]:
+        """What runs may begin with, the output being ``C exp(A t) e_i`` for these states ``i``.
+
+        They are as many whatever the values are, for derivatives are taken column by column. Any
+        state by default; none whose response is constant where a run has an ``offset`` of its own.
+        """
+        a, _, c = self.realise(values)
+        return a, c, range(c.size)
 
     def fastest(self, values: Values) -> float:
         """Largest pole [rad/s]."""
@@ -138,18 +143,23 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         self, plant: Plant[T], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        begin = plant.options.beginning
-        if not all(plant.variant.output.name in e for e in experiments):
-            begin = replace(begin, unrecorded=0.0)
-        model = TransferModel(self, plant.variant, experiments, begin)
-        return simulate_transfer(model, plant.numbers, offset)
+        v, begin, variant = plant.numbers, plant.options.beginning, plant.variant
+        recorded = [e for e in experiments if variant.output.name in e]
+        fitted = iter(TransferModel(self, variant, recorded, begin).fitted(v) if recorded else ())
+        begin, start = replace(begin, unrecorded=0.0), offset or 0.0
+        return [
+            next(fitted)
+            if variant.output.name in e
+            else TransferModel(self, variant, [e], begin).from_rest(v, start)
+            for e in experiments
+        ]
 
     def information(self, plant: Plant[T], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v = plant.numbers
         model = TransferModel(self, plant.variant, [experiment])
-        level = v[self.gain] * model.levels[0] if self.gain else 0.0
-        return sensitivity(model.named([n for n in v if n != self.gain]), v, level)
+        named = model.named([n for n in v if n != self.gain])
+        return sensitivity(named, v, model.steady_level(0, v))
 
     def model(self, plant: Plant[T], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The continuous transfer function, and the discrete one of a held input."""

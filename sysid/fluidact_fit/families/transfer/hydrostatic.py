@@ -29,12 +29,12 @@ from ...estimation.problem import Unknown
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
-from ...experiment import Experiment
+from ...experiment import Array, Experiment
 from ...family import ParameterSpec, Request, Role, Structure, Variant
 from ...options import choice
 from .base import ASKED, any_dead_time, dead_time
 from .dead_zone import DEAD_ZONE, BehindDeadZone, speeds
-from .model import EDGES, Free
+from .model import EDGES
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Hydrostatic(BehindDeadZone[HydrostaticOptions]):
         """``1 / (mass s^2 + damping s + stiffness)``."""
         return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
 
-    def beginnings(self, values: Values) -> Free:
+    def beginnings(self, values: Values, offset: bool) -> tuple[Array, Array, Sequence[int]]:
         """An initial velocity, and with a spring a constant force beside the offset.
 
         Beside an offset the constant force stands for an initial position, and it can be computed
@@ -111,13 +111,13 @@ class Hydrostatic(BehindDeadZone[HydrostaticOptions]):
         """
         a, b, c = self.realise(values)
         k = values.get("stiffness")
-        if k is None:
-            return Free(a, c, (1,))
+        if k is None or not offset:
+            return a, c, (1,) if offset else (0, 1)
         pushed = np.zeros((3, 3), dtype=a.dtype)
         pushed[:2, :2] = a
         if np.real(k) != 0.0:
             pushed[:2, 2] = b
-        return Free(pushed, np.append(c, 0.0), (1, 2))
+        return pushed, np.append(c, 0.0), (1, 2)
 
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
         """No spring at all: a weak one and a free initial position stand for a drift.

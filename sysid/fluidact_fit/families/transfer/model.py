@@ -28,24 +28,6 @@ ANY = Beginning()
 _FEWEST = 4  # samples that are left of a run
 
 
-@dataclass(frozen=True)
-class Free:
-    """A system of which some states stand for all that a run may have begun with.
-
-    ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; they are as many whatever the
-    values are, for derivatives are taken column by column.
-    """
-
-    a: Array
-    c: Array
-    states: Sequence[int]
-
-
-def any_start(a: Array, b: Array, c: Array) -> Free:
-    """Every state of a system by itself."""
-    return Free(a, c, range(c.size))
-
-
 class Law(Protocol):
     """The family as its model needs it; see :class:`.TransferFamily`."""
 
@@ -56,8 +38,8 @@ class Law(Protocol):
         """State space of unit gain."""
         ...
 
-    def beginnings(self, values: Values) -> Free:
-        """Possible initial states of a run with an offset of its own."""
+    def beginnings(self, values: Values, offset: bool) -> tuple[Array, Array, Sequence[int]]:
+        """``(A, C)`` and those of its states that a run may begin with."""
         ...
 
 
@@ -111,7 +93,7 @@ class TransferModel:
         The family. Without a dead zone the response is to the departure of the input from its
         first value, and the level goes into the offset where there is one.
     variant, experiments
-        The roles, and the runs to be described; their output need not have been recorded.
+        The roles, and the runs to be described; the output was recorded in all of them or in none.
     begin
         What the runs begin with; the initial state is that of the first sample described.
     """
@@ -120,16 +102,16 @@ class TransferModel:
         self, law: Law, variant: Variant, experiments: Sequence[Experiment],
         begin: Beginning = ANY,
     ) -> None:  # fmt: skip
-        self.law, self.begin, self.gain = law, begin, law.gain
+        self.law, self.begin = law, begin
         drive, output = variant.driving[0].name, variant.output.name
-        recorded = [(k, e) for k, e in enumerate(experiments) if output in e]
-        self.resolutions = [e.signals[output].resolution for _, e in recorded]
+        recorded = [e for e in experiments if output in e]
+        self.resolutions = [e.signals[output].resolution for e in recorded]
         self.levels = [input_level(e.signals[drive]) for e in experiments]
         self.logs = [e.log for e in experiments]
         several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.several = several if begin.offset == "log" else []
         self.prepared = [self._prepare(e, drive) for e in experiments]
-        self.measured = [e[output][self.prepared[k].unseen :] for k, e in recorded]
+        self.measured = [e[output][p.unseen :] for e, p in zip(recorded, self.prepared)]
         self._known: dict[tuple[str, int], tuple[bytes, Any]] = {}
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
@@ -156,7 +138,7 @@ class TransferModel:
         offsets = np.zeros((y.size, len(self.several)))
         if p.log is not None:
             offsets[:, p.log] = 1.0
-        if self.gain is None:
+        if self.law.gain is None:
             return Basis(y, offsets, local)
         if self.begin.offset == "none":
             y = y + self.levels[index]
@@ -182,28 +164,28 @@ class TransferModel:
     def response(self, index: int, values: Values) -> FloatArray:
         """Response of one run to its input, shape ``(n,)`` [its unit]."""
         b = self.columns(index, values)
-        return np.asarray(b.known if self.gain is None else values[self.gain] * b.shared[:, 0])
+        return np.asarray(
+            b.known if self.law.gain is None else values[self.law.gain] * b.shared[:, 0]
+        )
 
     def steady_level(self, index: int, values: Values) -> float:
         """Steady output at the level that the input of a run starts from; part of an offset.
 
         Zero where there is no offset: the response then holds it.
         """
-        if self.gain is None or self.begin.offset == "none":
+        if self.law.gain is None or self.begin.offset == "none":
             return 0.0
-        return float(values[self.gain]) * self.levels[index]
+        return float(values[self.law.gain]) * self.levels[index]
 
     def _local(self, index: int, values: Values) -> Array:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
         if p.rest:
             return repeated(np.ones(int(p.own)), p.samples.instants.size)
-        # an offset that is not the run's own stands for no initial state
-        free = self.law.beginnings(values) if p.own else any_start(*self.law.realise(values))
+        a, c, states = self.law.beginnings(values, p.own)
         return self._remember(
-            ("free", index), (free.a, free.c),
-            lambda: free_response(free.a, free.c, p.samples, free.states, p.own),
-        )  # fmt: skip
+            ("free", index), (a, c), lambda: free_response(a, c, p.samples, states, p.own)
+        )
 
     def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
@@ -218,43 +200,35 @@ class TransferModel:
 
     def named(self, nonlinear: Sequence[str]) -> NamedModel:
         """The model in the form the estimation takes."""
-        linear = () if self.gain is None else (self.gain,)
+        linear = () if self.law.gain is None else (self.law.gain,)
         return NamedModel(
             tuple(nonlinear), linear, self.columns, self.measured,
             nuisance=tuple(f"offset[{k}]" for k in self.several),
             resolutions=self.resolutions, logs=self.logs,
         )  # fmt: skip
 
+    def fitted(self, values: Values) -> list[Simulated]:
+        """Outputs of all runs, offset by log and initial state by run fitted to what was recorded.
+
+        What answers to an input before the run is NaN.
+        """
+        out, nonlinear = [], [n for n in values if n != self.law.gain]
+        fit = Eliminated(bind(self.named(nonlinear), {}, values), np.zeros(0))
+        for i, (p, simulated) in enumerate(zip(self.prepared, fit.simulate(), strict=True)):
+            offset = None
+            if p.own or p.log is not None:
+                offset = float(fit.local[i][-1] if p.log is None else fit.linear[p.log])
+                offset -= self.steady_level(i, values)
+            out.append(Simulated(np.append(np.full(p.unseen, np.nan), simulated), offset=offset))
+        return out
+
+    def from_rest(self, values: Values, offset: float) -> Simulated:
+        """Output of the first run from rest, ``gain`` times the input's first value plus offset."""
+        level = self.steady_level(0, values) + offset
+        return Simulated(self.response(0, values) + level, offset=offset)
+
 
 def input_level(signal: Signal) -> float:
     """The level of rest that a signal starts from [unit of the signal]."""
     stepped = signal.time.size == 1
     return signal.before if stepped else float(signal.values[0])
-
-
-def simulate_transfer(
-    model: TransferModel, values: Values, offset: float | None
-) -> list[Simulated]:
-    """Outputs of all runs, offset by log and initial state by run fitted to their outputs.
-
-    What answers to an input before the run is NaN. Runs without a recorded output start at
-    rest, where the output is ``gain`` times the input's first value plus ``offset``.
-    """
-    out = []
-    if not model.measured:
-        for i in range(len(model.prepared)):
-            level = model.steady_level(i, values) + (offset or 0.0)
-            out.append(Simulated(model.response(i, values) + level, offset=offset or 0.0))
-        return out
-    nonlinear = [n for n in values if n != model.gain]
-    fit = Eliminated(bind(model.named(nonlinear), {}, values), np.zeros(0))
-    for i, (p, simulated) in enumerate(zip(model.prepared, fit.simulate(), strict=True)):
-        output = simulated
-        if p.unseen:
-            output = np.concatenate((np.full(p.unseen, np.nan), simulated))
-        found = None
-        if p.own or p.log is not None:
-            found = fit.local[i][-1] if p.log is None else fit.linear[p.log]
-            found = float(found) - model.steady_level(i, values)
-        out.append(Simulated(output, offset=found))
-    return out
