@@ -49,15 +49,15 @@ def state_space(numerator: Sequence[Any], denominator: Sequence[Any]) -> tuple[A
     Analytic in the coefficients, which are of order one in the scale of time that is chosen. The
     first state is the output, the next ones its derivatives, but for the numerator.
     """
-    den = np.array(denominator) / denominator[0]
-    order = den.size - 1
-    rate = max(abs(np.real(d)) ** (1.0 / k) for k, d in enumerate(den) if k and d != 0.0)
-    powers = rate ** np.arange(order + 1.0)
-    a = rate * np.eye(order, k=1, dtype=den.dtype)
-    a[-1] = -rate * (den / powers)[:0:-1]
-    given = np.array(numerator)[::-1] / denominator[0] * powers[: len(numerator)] / powers[-1]
-    c = np.append(given, np.zeros(order - given.size))
-    return a, rate * np.eye(order)[-1], c
+    lead, *others = denominator
+    monic, order = [d / lead for d in others], len(others)
+    rate = max(abs(d) ** (1.0 / k) for k, d in enumerate(monic, 1)) or 1.0
+    last = np.array([-d * rate ** (1 - k) for k, d in enumerate(monic, 1)])
+    a, b = np.zeros((order, order), last.dtype), np.zeros(order)
+    a.flat[1 :: order + 1] = b[-1] = rate
+    a[-1] = last[::-1]
+    given = [x / lead * rate ** (k - order) for k, x in enumerate(reversed(numerator))]
+    return a, b, np.array([*given, *[0.0] * (order - len(given))])
 
 
 @dataclass(frozen=True)
