@@ -45,6 +45,7 @@ from ...family import (
 from .block import TransferBlock, TransferFunction
 from .model import TransferModel, state_space
 
+AT_REST = Beginning(rest=True, offset="none")
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
 T = TypeVar("T", bound=ResponseOptions)
@@ -143,16 +144,17 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         self, plant: Plant[T], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        v, begin, variant = plant.numbers, plant.options.beginning, plant.variant
+        v, variant, start = plant.numbers, plant.variant, offset or 0.0
         recorded = [e for e in experiments if variant.output.name in e]
-        fitted = iter(TransferModel(self, variant, recorded, begin).fitted(v) if recorded else ())
-        begin, start = replace(begin, unrecorded=0.0), offset or 0.0
-        return [
-            next(fitted)
-            if variant.output.name in e
-            else TransferModel(self, variant, [e], begin).from_rest(v, start)
-            for e in experiments
-        ]
+        model = TransferModel(self, variant, recorded, plant.options.beginning)
+        fitted, out = iter(model.fitted(v) if recorded else ()), []
+        for e in experiments:
+            if variant.output.name in e:
+                out.append(next(fitted))
+            else:
+                alone = TransferModel(self, variant, [e], AT_REST).combined(v)
+                out.append(Simulated(alone + start, offset=start))
+        return out
 
     def information(self, plant: Plant[T], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""

@@ -161,13 +161,6 @@ class TransferModel:
         )
         return y[p.unseen :]
 
-    def response(self, index: int, values: Values) -> FloatArray:
-        """Response of one run to its input, shape ``(n,)`` [its unit]."""
-        b = self.columns(index, values)
-        return np.asarray(
-            b.known if self.law.gain is None else values[self.law.gain] * b.shared[:, 0]
-        )
-
     def steady_level(self, index: int, values: Values) -> float:
         """Steady output at the level that the input of a run starts from; part of an offset.
 
@@ -222,10 +215,11 @@ class TransferModel:
             out.append(Simulated(np.append(np.full(p.unseen, np.nan), simulated), offset=offset))
         return out
 
-    def from_rest(self, values: Values, offset: float) -> Simulated:
-        """Output of the first run from rest, ``gain`` times the input's first value plus offset."""
-        level = self.steady_level(0, values) + offset
-        return Simulated(self.response(0, values) + level, offset=offset)
+    def combined(self, values: Values) -> FloatArray:
+        """Output of the first run, all that belongs to it alone being zero."""
+        b = self.columns(0, values)
+        linear = np.array([values[self.law.gain]] if self.law.gain else [])
+        return np.asarray(b.combined(linear, np.zeros(b.local.shape[1])))
 
 
 def input_level(signal: Signal) -> float:
