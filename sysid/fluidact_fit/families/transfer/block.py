@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from ...block import LinearBlock, LinearModel, SampleSimulator
 from ...errors import UsageError
-from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
+from ...estimation.inputs import apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
 from ...estimation.sampled import difference_equation, discretise, sample
-from ...experiment import Experiment, FloatArray, Hold
+from ...experiment import Experiment, FloatArray, Hold, Signal
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
 from ...specification import Variant
@@ -66,8 +66,10 @@ class TransferBlock(LinearBlock, SampleSimulator):
     @cached_property
     def dead_zone(self) -> tuple[float, float] | None:
         """Negative and positive edge [unit of the input]; ``None`` for a linear model."""
+        if EDGES[0] not in self.parameters:
+            return None
         values = self.numbers()
-        return (values[EDGES[0]], values[EDGES[1]]) if EDGES[1] in values else None
+        return values[EDGES[0]], values[EDGES[1]]
 
     def transfer_function(self) -> TransferFunction:
         """Return the continuous model (without a dead zone, which stands before it)."""
@@ -148,12 +150,10 @@ class TransferBlock(LinearBlock, SampleSimulator):
             straight line [unit of the input]: noise about zero then causes no chatter.
         """
         low, high = self.dead_zone or (0.0, 0.0)
-        if abs(force) < band:
-            edge = high if force > 0.0 else -low
-            return force * (1.0 + edge / band)
-        if force > 0.0:
-            return force + high
-        return force + low if force < 0.0 else 0.0
+        if force == 0.0:
+            return 0.0
+        share = abs(force) / band if abs(force) < band else 1.0
+        return force + share * (high if force > 0.0 else low)
 
     def reset(self, *, input: float = 0.0, output: float | None = None) -> None:
         """Return to rest.
@@ -214,12 +214,12 @@ class TransferBlock(LinearBlock, SampleSimulator):
             return self._stepped(np.asarray(values, dtype=float), before, output)
         signal = make_signal(role.name, values, time, role.unit, hold)
         level = float(signal.values[0]) if before is None else before
-        return self._respond(piecewise(signal), signal.time, level, output)
+        return self._respond(signal, signal.time, level, output)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Output from the input of an experiment, from rest; see :meth:`.Block.predict`."""
         signal = experiment.signals[self.variant.driving[0].name]
-        return self._respond(piecewise(signal), experiment.time, input_level(signal), None)
+        return self._respond(signal, experiment.time, input_level(signal), None)
 
     def routines(self) -> Sequence[Routine]:
         """One step of the model, and the inverse of its dead zone where it has one."""
@@ -236,19 +236,15 @@ class TransferBlock(LinearBlock, SampleSimulator):
         return [step, dead_zone_routine(argument, self.dead_zone)]
 
     def _respond(
-        self, u: PiecewiseInput, instants: FloatArray, before: float, output: float | None
+        self, signal: Signal, instants: FloatArray, before: float, output: float | None
     ) -> FloatArray:
         """Response to an input after a level of rest, exactly."""
-        level, start = self._rest(before, output)
+        (level, start), u = self._rest(before, output), piecewise(signal)
         if self.dead_zone is not None:
             u = apply_dead_zone(u, *self.dead_zone)
-        coefficients = u.coefficients.copy()
-        coefficients[:, 0] -= level
-        a, b, c = self._linear.state_space()
-        y = forced_response(
-            a, b, c, replace(u, coefficients=coefficients), instants,
-            dead_time=self._linear.dead_time,
-        )  # fmt: skip
+        u = replace(u, coefficients=u.coefficients - level * np.eye(1, u.coefficients.shape[1]))
+        f = self._linear
+        y = forced_response(*f.state_space(), u, instants, dead_time=f.dead_time)
         return np.asarray(np.real(y) + start)
 
     def _stepped(self, u: FloatArray, before: float | None, output: float | None) -> FloatArray:
