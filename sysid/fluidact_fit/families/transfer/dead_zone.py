@@ -77,13 +77,13 @@ class BehindDeadZone(TransferFamily[T]):
         dry = [] if "stiffness" in plant.values else [_dry_friction(plant)]
         return [soft, *super().unmodelled_effects(plant), *dry]
 
-    def suppose(
+    def prior_guess(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
-        """A dead zone of a fifth of the range; see :meth:`Family.suppose`."""
+        """A dead zone of a fifth of the range; see :meth:`Family.prior_guess`."""
         if name in EDGES:
             return 0.2 * amplitude[EDGES.index(name)]
-        return super().suppose(name, plant, amplitude, sample_time)
+        return super().prior_guess(name, plant, amplitude, sample_time)
 
     def physics_view(self, plant: Plant[T], runs: Runs) -> PhysicsView | None:
         """Steady velocity over force; none with a spring, which has no such curve."""
