@@ -19,6 +19,7 @@ from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError
+from fluidact_fit.estimation.transfer_model import AT_REST
 from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
 from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
@@ -86,20 +87,26 @@ def run(time: FloatArray, command: FloatArray, hold: Hold = "zoh", **signals: Si
     return Experiment("x.csv", 0, time, {"command": drive, **signals}, 0.02, False)
 
 
+def speeds(experiment: Experiment, values: dict[str, float]) -> FloatArray:
+    """Speeds of a motor at rest before its log."""
+    variant = HydraulicMotor().variants[0]
+    return MotorModel(variant, [experiment], AT_REST).combined(values)
+
+
 def uneven(n: int = 65) -> FloatArray:
     return np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, n))
 
 
 @pytest.mark.parametrize("time", [0.02 * np.arange(65), uneven()])
 def test_lag_is_exact_for_a_step(time: FloatArray) -> None:
-    y = MotorModel([run(time, np.r_[np.zeros(5), np.ones(60)])]).response(0, LINE)
+    y = speeds(run(time, np.r_[np.zeros(5), np.ones(60)]), LINE)
     t = np.maximum(time - time[5] - 0.031, 0.0)
     assert y == pytest.approx(1.0 - np.exp(-t / 0.07))
 
 
 @pytest.mark.parametrize("time", [0.02 * np.arange(65), uneven()])
 def test_lag_is_exact_for_a_ramp(time: FloatArray) -> None:
-    y = MotorModel([run(time, time - time[0], "foh")]).response(0, LINE)
+    y = speeds(run(time, time - time[0], "foh"), LINE)
     t = np.maximum(time - time[0] - 0.031, 0.0)
     t = np.minimum(t, time[-1] - time[0])
     assert y == pytest.approx(t - 0.07 * (1.0 - np.exp(-t / 0.07)), abs=1e-9)
@@ -114,8 +121,8 @@ def test_corners_between_samples_stay_sharp(hold: Hold) -> None:
     between = make_interp_spline(coarse, command, k=1)(fine)
     if hold == "smooth":
         between = CubicSpline(coarse, command)(fine)
-    y = MotorModel([run(coarse, command, hold)]).response(0, v)
-    exact = MotorModel([run(fine, between)]).response(0, {**v, "dead_time": 0.0305})
+    y = speeds(run(coarse, command, hold), v)
+    exact = speeds(run(fine, between), {**v, "dead_time": 0.0305})
     assert y == pytest.approx(exact[::100], abs=0.02)
 
 
@@ -123,8 +130,7 @@ def test_a_late_start_does_not_move_the_offset() -> None:
     """The fit weighs it down, and so does whoever simulates the log."""
     time = 0.02 * np.arange(400)
     command = np.where(time < 2.0, 0.0, 2.0)
-    model = MotorModel([run(time, command)])
-    speed = np.asarray(model.response(0, LINE)) + 0.5
+    speed = speeds(run(time, command), LINE) + 0.5
     speed[100:140] = 0.5
     log = run(time, command, speed=Signal("speed", time, speed, "rad/s"))
     family = HydraulicMotor()
@@ -240,7 +246,7 @@ def bench(rng: np.random.Generator, noise: float = 0.0, **more: float) -> dict[s
     time, levels = 0.02 * np.arange(1200), rng.uniform(-1.0, 1.0, 60)
     command = np.repeat(levels, 20)
     v = {**LINE, "dead_zone": 0.1, "gain": 100.0, "curvature": 0.5, "hysteresis": 0.05, **more}
-    speed = np.asarray(MotorModel([run(time, command)]).response(0, v))
+    speed = speeds(run(time, command), v)
     return {
         "time [s]": time,
         "command [A]": command + noise * rng.standard_normal(time.size),
@@ -280,6 +286,16 @@ def test_values_far_from_usual_are_found(tmp_path: Path) -> None:
     result = ff.fit("hydraulic-motor", [log])
     assert number(result, "dead_zone") == pytest.approx(0.6, abs=0.05)
     assert number(result, "dead_time") == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_short_log_beside_a_long_one_does_not_bound_the_search(tmp_path: Path) -> None:
+    """A dead time of 0.5 s was sought up to half the shorter log, and everything else was lost."""
+    whole = bench(np.random.default_rng(1), dead_time=0.5)
+    part = {n: x[:45] for n, x in bench(np.random.default_rng(2), dead_time=0.5).items()}
+    logs = [written(tmp_path / "whole.csv", whole), written(tmp_path / "part.csv", part)]
+    result = ff.fit("hydraulic-motor", logs)
+    assert number(result, "dead_time") == pytest.approx(0.5, abs=0.01)
+    assert number(result, "gain") == pytest.approx(100.0, rel=0.03)
 
 
 def test_noise_of_the_command_that_looks_like_hysteresis_is_warned_of(tmp_path: Path) -> None:

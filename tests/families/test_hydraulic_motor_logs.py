@@ -179,6 +179,26 @@ def test_one_direction_does_not_show_the_offset_of_the_command() -> None:
         ff.fit("hydraulic-motor", one_sided(), command_offset="estimate")
 
 
+@pytest.mark.parametrize("given", ["bounds", "start"])
+def test_a_search_for_a_saturation_that_settled_points_do_not_show_ends(given: str) -> None:
+    """Bounds ended in a fault, a start in a refusal; over time it was left out."""
+    truth = {**STATIC, "saturation_command": 99.0}
+    number = (0.5, 6.9) if given == "bounds" else 5.0
+    result = ff.fit("hydraulic-motor", settled(truth, 7), mode="static", dead_zone="asymmetric",
+                    **{given: {"saturation_command": number}})  # fmt: skip
+    assert "saturation_command" not in result.parameters
+
+
+def test_a_loaded_file_predicts_settled_points_as_the_fit_does() -> None:
+    """The spool is in its middle before the first point, which need not be the lowest command."""
+    rng, command = np.random.default_rng(8), staircase()[4:]
+    data = {"command": command, "speed": points(command, STATIC)}
+    data["speed"] += NOISE["speed"] * rng.standard_normal(command.size)
+    result = ff.fit("hydraulic-motor", data, mode="static", dead_zone="asymmetric")
+    (run,) = result.fitted
+    assert result.model.predict(run.experiment) == pytest.approx(run.simulated, rel=1e-9)
+
+
 def test_rows_without_time_are_settled_points_on_request_only() -> None:
     with pytest.raises(LogError, match="time"):
         ff.fit("hydraulic-motor", settled(STATIC, 7))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +19,7 @@ from .least_squares import (
     scaled_least_squares,
     without,
 )
-from .problem import Problem, bounds_of
+from .problem import Basis, Problem, bounds_of
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,17 @@ class _Table:
 
 
 class Eliminated:
-    """The linear half of the problem at given ``eta``; ``LinAlgError`` where there is none."""
+    """The linear half of the problem at given ``eta``; ``LinAlgError`` where there is none.
 
-    def __init__(self, problem: Problem, eta: FloatArray) -> None:
+    ``bases`` are its columns there, where they are known.
+    """
+
+    def __init__(
+        self, problem: Problem, eta: FloatArray, bases: Sequence[Basis] | None = None
+    ) -> None:
         self.problem = problem
         self.eta = eta
-        self.bases = [problem.basis(i, eta) for i in range(len(problem.measured))]
+        self.bases = bases or [problem.basis(i, eta) for i in range(len(problem.measured))]
         self.tables = [
             _Table.of(*problem.weigh(i, b.local, b.shared, y - b.known))
             for i, (b, y) in enumerate(zip(self.bases, problem.measured, strict=True))

@@ -126,25 +126,30 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     kind = settled_hold(signal)
     if kind == "zoh":
         return PiecewiseInput(time, values[:, None])
-    straight = np.column_stack((values, np.append(np.diff(values) / np.diff(time), 0.0)))
-    if kind == "foh":
-        return PiecewiseInput(time, straight)
-    return PiecewiseInput(time, _smooth_pieces(time, straight))
+    straight = straight_lines(time, values)
+    return straight if kind == "foh" else _smooth_pieces(straight)
 
 
-def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:
-    """Cubics through the samples, shape ``(n, 4)``; ``straight`` has the lines, ``(n, 2)``.
+def straight_lines(time: FloatArray, values: Array) -> PiecewiseInput:
+    """Straight lines from value to value, shape ``(n,)``; the last one is held."""
+    slopes = np.append(np.diff(values) / np.diff(time), 0.0)
+    return PiecewiseInput(time, np.column_stack((values, slopes)))
+
+
+def _smooth_pieces(straight: PiecewiseInput) -> PiecewiseInput:
+    """Cubics through the samples that lines join.
 
     A cubic across a gap follows the slopes at its ends for as long as the gap lasts and leaves
     the range of the signal: there the lines stay, and each side has a curve of its own.
     """
-    pieces = np.column_stack((straight, np.zeros((time.size, 2))))
+    time, lines = straight.nodes, straight.coefficients
+    pieces = np.column_stack((lines, np.zeros((time.size, 2))))
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     for begin, end in pairwise((0, *gaps, time.size)):
         if end - begin >= FEWEST:
-            pieces[begin : end - 1] = cubic_pieces(time[begin:end], straight[begin:end, 0])
-    return pieces
+            pieces[begin : end - 1] = cubic_pieces(time[begin:end], lines[begin:end, 0])
+    return PiecewiseInput(time, pieces)
 
 
 def settled_hold(signal: Signal) -> Hold:

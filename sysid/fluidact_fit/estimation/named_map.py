@@ -143,8 +143,8 @@ class NamedFit:
         experiments: Sequence[Experiment],
         variant: Variant,
         options: OptionsT,
+        derived: Mapping[str, Quantity],
         notices: Sequence[Notice],
-        derived: Mapping[str, Quantity] | None = None,
     ) -> Solution[OptionsT]:
         """Return the solution to examine and write; ``options`` are settled."""
         parameters, order, matrix = self.solved.quantities(variant.parameters, experiments[0].units)
@@ -195,7 +195,8 @@ def fit_named_map(
         n: tuple(np.clip(limits.get(n, (-np.inf, np.inf)), s.minimum, s.maximum))
         for n, s in table.items()
     }
-    for name, (low, high) in request.bounds.items():
+    for name in request.bounds.keys() & ranges.keys():
+        low, high = request.bounds[name]
         ranges[name] = (max(low, ranges[name][0]), min(high, ranges[name][1]))
 
     def solve(held: Mapping[str, float]) -> MapFit:

@@ -66,6 +66,11 @@ class Response(Generic[T]):
     begin: Beginning
     limit: float | None = None
 
+    @property
+    def solved(self) -> Fitted:
+        """The estimate, as other fits call it."""
+        return self.fitted
+
     def settled(self, options: T) -> T:
         """The options with what the fit has chosen."""
         begin = self.begin

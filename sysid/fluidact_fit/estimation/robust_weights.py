@@ -11,7 +11,7 @@ from .noise import PER_MEDIAN
 
 HUBER = 4.0  # robust standard deviations from which a residual counts less: normal ones are not
 SPIKE = 8.0  # robust standard deviations beyond which it counts for nothing: it is no noise
-_ROUNDS = 6  # of reweighting
+ROUNDS = 6  # of reweighting
 
 
 def huber_weights(
@@ -24,14 +24,3 @@ def huber_weights(
     if limit is None:
         limit = HUBER * PER_MEDIAN * float(np.median(np.abs(np.concatenate(rest))))
     return [np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))) for r in rest], limit
-
-
-def fit_robustly(columns: FloatArray, values: FloatArray, limit: float | None) -> FloatArray:
-    """Least squares ``(q,)`` in which residuals beyond ``limit`` count less; all alike if None."""
-    weights = np.ones(values.size)
-    for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(columns * weights[:, None], values * weights, rcond=None)[0]
-        if limit is None:
-            break
-        (weights,), _ = huber_weights([values - columns @ found], limit)
-    return np.asarray(found)

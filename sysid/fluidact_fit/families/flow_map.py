@@ -241,7 +241,7 @@ class FlowMap(Family[FlowMapOptions]):
             refusals=_never_recorded(u, q), optional=_unsaturated(u),
         )  # fmt: skip
         notices = [*_notices(found, experiments[0].units["flow"], most)]
-        return found.solution(self.simulate, experiments, variant, options, notices)
+        return found.solution(self.simulate, experiments, variant, options, {}, notices)
 
     def simulate(
         self,

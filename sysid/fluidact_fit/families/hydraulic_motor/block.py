@@ -12,10 +12,12 @@ import numpy.typing as npt
 
 from ...block import Block, LinearBlock, LinearModel
 from ...estimation.sampled import Sampled, difference_equation, sample
+from ...estimation.transfer_model import AT_REST
 from ...experiment import Experiment, FloatArray
 from ...routines import Routine
 from ...specification import quotient_unit
-from .equation import MotorModel, edges, lag, play, static_speed
+from .equation import MotorModel, SettledModel, edges, lag, static_speed
+from .routines import MotorRoutines
 
 
 class MotorCurve(Block):
@@ -77,15 +79,17 @@ class MotorCurve(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Steady speed for a known direction, and its inverse."""
-        from .routines import curve_routines
+        return self._routines().curve()
 
+    def _routines(self, *also: float) -> MotorRoutines:
+        """Routines for the commands of the logs, and for some others."""
         command = self.argument("command", "command of the valve")
-        return curve_routines(self.numbers(), command, self.speed_unit)
+        command = replace(command, low=min((command.low, *also)), high=max((command.high, *also)))
+        return MotorRoutines(self.numbers(), command, self.speed_unit)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Steady speeds of settled points in their order; see :meth:`.Block.predict`."""
-        v = self.numbers()
-        return static_speed(play(experiment.sampled("command"), v["hysteresis"])[0], v)
+        return np.asarray(SettledModel([experiment]).response(0, self.numbers()))
 
 
 class MotorBlock(MotorCurve, LinearBlock):
@@ -101,22 +105,18 @@ class MotorBlock(MotorCurve, LinearBlock):
 
     def linear_model(self) -> LinearModel:
         """Lag and dead time, behind the play and the static curve."""
-        from .routines import curve_routine
-
-        v, centre = self.numbers(), self.centre
-        command = self.argument("command", "command of the valve")
-        # a motor may rest without a command that the logs never had
-        command = replace(command, low=min(command.low, centre), high=max(command.high, centre))
-        return LinearModel(
-            *lag(v, not self._gives_speed), v.get("dead_time", 0.0), None,
-            1.0 if self._gives_speed else None, curve_routine(v, command, self.speed_unit), centre,
-        )  # fmt: skip
+        # it may rest without a command that the logs never had
+        v, curve = self.numbers(), self._routines(self.centre).steady()
+        gain = 1.0 if self._gives_speed else None
+        law = lag(v, not self._gives_speed)
+        return LinearModel(*law, v.get("dead_time", 0.0), None, gain, curve, self.centre)
 
     def _sampled(self) -> Sampled:
         """Lag and dead time at the sample time."""
         self._need_sample_time("discrete model")
-        law = self.linear_model()
-        return sample(law.a, law.b, law.c, law.dead_time, self.sample_time)
+        v = self.numbers()
+        law = lag(v, not self._gives_speed)
+        return sample(*law, v.get("dead_time", 0.0), self.sample_time)
 
     def reset(self, *, input: float | None = None, output: float | None = None) -> None:
         """Return to rest.
@@ -160,16 +160,11 @@ class MotorBlock(MotorCurve, LinearBlock):
 
     def routines(self) -> Sequence[Routine]:
         """One step of the motion; steady speed for a known direction, and its inverse."""
-        from .routines import step_routine
-
-        command = self.argument("command", "command of the valve")
-        step = step_routine(
-            self.numbers(), command, (self.output.role, self.output.unit),
-            difference_equation(self._sampled()), self._zero, self.sample_time,
-        )  # fmt: skip
+        law, (role, unit) = difference_equation(self._sampled()), self.output
+        step = self._routines().step(role, unit, law, self._zero, self.sample_time)
         return step, *super().routines()
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Output from the command, from rest and with the offset; see :meth:`.Block.predict`."""
-        model = MotorModel([experiment], output=self.output.role)
-        return np.asarray(model.response(0, self.numbers()) + self.offset)
+        model = MotorModel(self.variant, [experiment], AT_REST)
+        return model.combined(self.numbers()) + self.offset

@@ -23,24 +23,21 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from ...estimation.grid import Grid, make_grid
-from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
+from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold, straight_lines
 from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
 from ...estimation.recursion import behind_play
 from ...estimation.response_model import Beginning
+from ...estimation.transfer_model import ANY, TransferModel
 from ...experiment import Array, Experiment, FloatArray, Signal
+from ...specification import Variant
 
-ANY = Beginning()
 _PARTS = 8  # of a sample time at most, for a command that moves
-_PIECE = 0.0025  # of the range of the command, by which it moves in a part
 _MOST = 400_000  # instants of a moving command
 
 
@@ -91,113 +88,104 @@ def lag(values: Values, integrates: bool) -> tuple[Array, Array, Array]:
     return np.array([[-rate, 0.0], [1.0, 0.0]]), np.array([rate, 0.0]), np.array([0.0, 1.0])
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Command and grids of one run, computed once; ``commands`` begin with the level before.
+class Steady:
+    """Steady speed under the commands ``(n,)`` of a run; a play of some width is followed once."""
 
-    ``stepped`` tells that the command is a step from rest that was not recorded; ``unseen`` samples
-    at the start answer to commands before it.
-    """
+    def __init__(self, commands: FloatArray) -> None:
+        self.commands = commands
+        self._played: tuple[tuple[float, float], FloatArray, FloatArray] | None = None
 
-    commands: FloatArray
-    moves: bool
-    stepped: bool
-    nodes: Grid
-    samples: Grid
-    unseen: int
-
-
-def _prepare(e: Experiment, unrecorded: float) -> _Run:
-    signal = e.signals["command"]
-    moves, samples = settled_hold(signal) != "zoh", make_grid(e.time)
-    time, values = _refine(signal) if moves else (signal.time, signal.values)
-    return _Run(
-        np.append(signal.before, values), moves, signal.values.size == 1,
-        samples if np.array_equal(time, e.time) else make_grid(time), samples,
-        int(np.searchsorted(e.time, e.time[0] + unrecorded)),
-    )  # fmt: skip
-
-
-def _refine(signal: Signal) -> tuple[FloatArray, FloatArray]:
-    """A moving command at instants so close that its way across a corner is nearly straight."""
-    time, values, curve = signal.time, signal.values, piecewise(signal).coefficients
-    power = np.arange(curve.shape[1])
-    terms = power * curve[: time.size - 1] * np.diff(time)[:, None] ** power
-    # the way of a sample at the speed of its beginning or its end, whichever is more
-    moved = np.maximum(np.abs(terms[:, 1]), np.abs(terms.sum(axis=1)))
-    moved /= max(float(np.ptp(values)), 1e-300)
-    most = max(1, min(_PARTS, _MOST // time.size))
-    # powers of two: few lengths of pieces
-    parts = np.minimum(2 ** np.ceil(np.log2(np.maximum(moved / _PIECE, 1.0))), most).astype(int)
-    piece = np.repeat(np.arange(parts.size), parts)
-    past = np.diff(time)[piece] * _count_up(parts) / parts[piece]
-    out = np.zeros(past.size)
-    for column in curve.T[::-1]:
-        out = out * past + column[piece]
-    return np.append(time[piece] + past, time[-1]), np.append(out, values[-1])
-
-
-def _count_up(counts: npt.NDArray[np.int_]) -> npt.NDArray[np.int_]:
-    """``0, 1, ... counts[0] - 1, 0, 1, ...``."""
-    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-class MotorModel:
-    """Speeds of some runs as a function of the parameters, each with what belongs to it.
-
-    The offset and the deviation that fades at the beginning are every run's own, where ``begin``
-    says that there are any. Any other ``output`` than the speed is its integral.
-    """
-
-    def __init__(
-        self, experiments: Sequence[Experiment], begin: Beginning = ANY, output: str = "speed"
-    ) -> None:
-        self.begin, self.integrates = begin, output != "speed"
-        self.runs = [_prepare(e, begin.unrecorded) for e in experiments]
-        self.measured = [
-            e[output][r.unseen :] for e, r in zip(experiments, self.runs) if output in e
-        ]
-        self.resolutions = [e.signals[output].resolution for e in experiments if output in e]
-        self._played: dict[int, tuple[float, FloatArray, FloatArray]] = {}
-
-    def steady(self, index: int, values: Values) -> Array:
-        """Steady speed at rest before a run and at the nodes of its command."""
+    def __call__(self, values: Values, before: Any) -> Array:
+        """Under a command at rest before the run, and under its own, ``(n + 1,)``."""
         width = values["hysteresis"]
-        known = self._played.get(index)
-        if known is None or known[0] != np.real(width):
-            size = float(np.real(width))
-            known = self._played[index] = (size, *play(self.runs[index].commands, size))
-        return static_speed(known[1] + known[2] * (width - known[0]), values)
+        at = float(np.real(width)), float(np.real(before))
+        if self._played is None or self._played[0] != at:
+            self._played = at, *play(np.append(at[1], self.commands), at[0])
+        _, place, slope = self._played
+        return static_speed(place + slope * (width - at[0]), values)
+
+
+class SettledModel:
+    """Steady speeds of settled points, in the order in which they were visited.
+
+    Before the first one the machine stood still, the spool in the middle.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment]) -> None:
+        self.runs = [Steady(e.sampled("command")) for e in experiments]
+        self.measured = [e["speed"] for e in experiments if "speed" in e]
 
     def response(self, index: int, values: Values) -> Array:
-        """Output of one run, from the steady speed of the command before it [its unit]."""
-        run, (rest, *_) = self.runs[index], (steady := self.steady(index, values))
-        target = (steady[1:] - rest)[:, None]
-        if run.moves:
-            slope = np.diff(target[:, 0]) / np.diff(run.nodes.instants)
-            target = np.column_stack((target, np.append(slope, 0.0)))
-        instants = run.samples.instants
-        if self.integrates:
-            rest = rest * (instants - instants[0])
-        return rest + forced_response(
-            *lag(values, self.integrates), PiecewiseInput(run.nodes.instants, target),
-            instants, dead_time=values.get("dead_time", 0.0), grid=run.nodes,
-        )  # fmt: skip
+        """Speeds of one run, shape ``(n,)`` [their unit]."""
+        return self.runs[index](values, values.get("command_offset", 0.0))[1:]
+
+    def columns(self, index: int, values: Values) -> Basis:
+        """Speeds of one run per gain."""
+        shape = self.response(index, {**values, "gain": 1.0})
+        return Basis(np.zeros(shape.size), shape[:, None], np.zeros((shape.size, 0)))
 
     def named(self, names: tuple[str, ...]) -> NamedModel:
         """The model in the form the estimation takes; the gain enters linearly."""
-        return NamedModel(
-            names, ("gain",), self.columns, self.measured, resolutions=self.resolutions
-        )
+        return NamedModel(names, ("gain",), self.columns, self.measured)
 
-    def columns(self, index: int, values: Values) -> Basis:
-        """Output per gain, and the columns of what is the run's own: offset, fading deviation."""
-        run, shape = self.runs[index], self.response(index, {**values, "gain": 1.0})
-        time = run.samples.instants
-        own = [np.ones(time.size)] if self.begin.offset != "none" else []
-        if not (run.stepped or self.begin.rest):
-            fading = np.exp(-(time - time[0]) / values["time_constant"])
-            own.append(1.0 - fading if self.integrates else fading)
-        local = np.stack(own, axis=1) if own else np.zeros((time.size, 0))
-        used = slice(run.unseen, None)
-        return Basis(np.zeros(time.size - run.unseen), shape[used, None], local[used])
+
+class MotorModel(TransferModel):
+    """Speeds of some runs behind the lag, or any other output, which is their integral.
+
+    Runs begin with any speed, unless ``begin`` says that they are at rest under their command. A
+    run with an offset of its own begins at any angle or place with that.
+    """
+
+    gain: ClassVar[str | None] = "gain"
+    dead_zone: ClassVar[bool] = False
+
+    def __init__(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
+    ) -> None:
+        self.integrates = variant.output.name != "speed"
+        super().__init__(self, variant, experiments, begin)
+        self.runs = [Steady(p.u.coefficients[:, 0]) for p in self.prepared]
+        self.before = [e.signals["command"].before for e in experiments]
+
+    def realise(self, values: Values) -> tuple[Array, Array, Array]:
+        """State space of the lag."""
+        return lag(values, self.integrates)
+
+    def beginnings(self, values: Values, offset: bool) -> tuple[Array, Array, Sequence[int]]:
+        """``(A, C)``, and the states that a run may begin with."""
+        a, _, c = self.realise(values)
+        return a, c, (0,) if offset else range(c.size)
+
+    def level(self, signal: Signal) -> float:
+        """None: the speed is not proportional to the command."""
+        return 0.0
+
+    def read(self, signal: Signal) -> PiecewiseInput:
+        """The command; one that moves, at instants so close that it is nearly straight."""
+        return piecewise(signal) if settled_hold(signal) == "zoh" else _refine(signal)
+
+    def forced(self, index: int, values: Values) -> Array:
+        """Response of one run to its steady speed, per gain, shape ``(n,)``."""
+        p = self.prepared[index]
+        steady = self.runs[index]({**values, "gain": 1.0}, self.before[index])
+        rest, target, nodes = steady[0], steady[1:] - steady[0], p.nodes.instants
+        held = p.u.coefficients.shape[1] == 1
+        u = PiecewiseInput(nodes, target[:, None]) if held else straight_lines(nodes, target)
+        a, b, c = self.realise(values)
+        y = forced_response(
+            a, b, c, u, p.time, dead_time=values.get("dead_time", 0.0), grid=p.nodes
+        )
+        return (y + (rest if c.size == 1 else rest * (p.time - p.time[0])))[p.unseen :]
+
+
+def _refine(signal: Signal) -> PiecewiseInput:
+    """A moving command, straight between instants so close that its corners stay sharp."""
+    time, values, curve = signal.time, signal.values, piecewise(signal).coefficients[:-1]
+    parts = max(1, min(_PARTS, _MOST // time.size))
+    past = np.diff(time)[:, None] * np.arange(parts) / parts
+    between = np.zeros(past.shape)
+    for column in curve.T[::-1]:
+        between = between * past + column[:, None]
+    return straight_lines(
+        np.append(time[:-1, None] + past, time[-1]), np.append(between, values[-1])
+    )

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, UsageError
-from ...estimation.named_model import NamedModel, Values, check_form, check_request
+from ...estimation.named_map import NamedFit
+from ...estimation.named_model import Values, check_form
 from ...estimation.noise import white_noise
-from ...estimation.parametric import Fitted
-from ...estimation.response_model import Beginning, Plan, ResponseModel, ResponseTask
-from ...estimation.robust_weights import fit_robustly
+from ...estimation.response import Response
+from ...estimation.response_model import ResponseTask
+from ...estimation.results import Solved
 from ...estimation.sampled import discretise
-from ...estimation.unmodelled_effects import output_offset, soft_edges
-from ...experiment import Experiment, Hold
+from ...estimation.unmodelled_effects import soft_edges
+from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Curve,
     Family,
@@ -27,7 +28,6 @@ from ...family import (
     Request,
     Role,
     Runs,
-    Simulated,
     Solution,
     StaticView,
     Structure,
@@ -37,20 +37,21 @@ from ...family import (
 from ...mechanics.local_motion import delayed
 from ...specification import quotient_unit
 from .block import MotorBlock, MotorCurve
-from .equation import MotorModel, edges, play, static_speed
+from .equation import edges, static_speed
 from .fit import (
     EDGES,
     OFFSET,
     SATURATION,
+    STATIC,
     MotorOptions,
+    MotorResponse,
     edge_names,
     fit_motor,
-    plan_motor,
-    start_motor,
+    fit_saturated,
+    without_saturation,
 )
-from .static import commands, fit_points, law
+from .static import fit_points
 
-STATIC = "static"
 _COMMAND = Role(
     "command", "A", "current or voltage of the valve, or width of a pulse", hold="zoh",
     alternatives=("V", "s", "1"),
@@ -59,11 +60,6 @@ _SPEED = Role(
     "speed", "rad/s", "speed of the motor", output=True, alternatives=("V", "m/s", "m3/s", "1")
 )
 _WIDENED = 3.0  # standard deviations of the noise of a command by which its play looks wider
-_OTHER_EDGES = (  # where a search is begun again, in parts of the values that it has ended at
-    (("hysteresis",), 0.25),
-    ((SATURATION,), 0.75),
-    (("dead_zone", *EDGES), 1.3),
-)
 _SETTLED = 0.005  # of the range of the speed, still to come
 
 
@@ -115,11 +111,7 @@ def _variant(name: str, output: Role) -> Variant:
     rate = (output.name, "s") if integral else (output.name,)
     return Variant(
         name,
-        (
-            Role("time", "s", "time of each sample"),
-            _COMMAND,
-            output,
-        ),
+        (Role("time", "s", "time of each sample"), _COMMAND, output),
         (
             *_curve(rate, f"{output.unit}/s" if integral else output.unit),
             ParameterSpec(
@@ -135,7 +127,7 @@ def _variant(name: str, output: Role) -> Variant:
     )  # fmt: skip
 
 
-class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
+class HydraulicMotor(MotorResponse, Family[MotorOptions]):
     """Static curve with dead zone, saturation and hysteresis, followed by a lag."""
 
     name = "hydraulic-motor"
@@ -165,8 +157,7 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         Structure("dead time", {"dead-time": "estimate"}, {"hysteresis": 0.0}),
         Structure("hysteresis, dead time", {"dead-time": "estimate"}, instead=True),
     )
-    gain, robust, common_offset = "gain", True, False
-    steady_offset, many_minima = True, True
+    steady_offset = True
 
     def variants_for(self, options: MotorOptions) -> tuple[Variant, ...]:
         """Settled points, or samples in time of the speed or its integral."""
@@ -176,105 +167,33 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
     ) -> Solution[MotorOptions]:
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
-        check_request(variant.parameters, request)
-        _check_dead_zone(request)
+        options, output = request.options, variant.output.name
+        _check_options(request)
+        task, bend = ResponseTask.of(self, variant, experiments, request), dict[str, float]()
+        found: Response[MotorOptions] | NamedFit
         if variant.name == STATIC:
-            return self._estimate_points(variant, experiments, request)
-        plain = plan_motor(experiments, request, saturated=False)
-        found, bend = fit_motor(
-            ResponseTask.of(self, variant, experiments, request),
-            ResponseTask.of(self, variant, experiments, request, plain),
-        )
-        fitted = found.fitted
-        notices = list(_warn_of_noise(fitted, experiments))
-        if SATURATION not in fitted.values:
-            notices.append(_remark_on_saturation(fitted.values, bend))
-        unit = experiments[0].units[variant.output.name]
-        if variant.output.name != "speed":
-            unit = quotient_unit(unit, "s")
-        return found.solution(
-            self.simulate, experiments, variant, found.settled(request.options),
-            fitted.derive(defaultdict(lambda: unit), _saturation_speeds), notices,
-        )  # fmt: skip
-
-    def _estimate_points(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
-    ) -> Solution[MotorOptions]:
-        found = fit_points(variant, experiments, request)
-        solved, unit = found.solved, experiments[0].units["speed"]
-        notices = [] if SATURATION in solved.values else [_remark_on_saturation({}, {})]
-        return found.solution(
-            self.simulate, experiments, variant, request.options, notices,
-            solved.derive(defaultdict(lambda: unit), _saturation_speeds),
-        )  # fmt: skip
-
-    def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
-        """Everything; see :func:`.fit.fit_motor` for what comes of the saturation."""
-        return plan_motor(experiments, request, saturated=True)
-
-    def response(
-        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
-        names: tuple[str, ...],
-    ) -> NamedModel:  # fmt: skip
-        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
-        return MotorModel(experiments, begin, variant.output.name).named(names)
-
-    def fastest(self, values: Values) -> float:
-        """The only pole [rad/s]."""
-        return 1.0 / float(values["time_constant"])
-
-    def starts(
-        self, task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
-    ) -> list[dict[str, float]]:
-        """Return starts; see :func:`.fit.start_motor`."""
-        return start_motor(task, experiments, begin)
-
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
-        """Other edges: each level of a held command that one of them passes may make a minimum.
-
-        In an angle what is wrong adds up, and minima far from the best are deep.
-        """
-        return [
-            {n: share * values[n] for n in names if n in values}
-            for names, share in _OTHER_EDGES
-            if any(n in values for n in names)
-        ]
-
-    def simulate(
-        self,
-        plant: Plant[MotorOptions],
-        experiments: Sequence[Experiment],
-        offset: float | None = None,
-    ) -> list[Simulated]:
-        """Speed from command; see :meth:`Family.simulate`."""
-        if plant.variant.name == STATIC:
-            return [Simulated(np.real(law(plant.numbers, x))) for x in commands(experiments)]
-        out, output, options = [], plant.variant.output.name, plant.options
-        for e in experiments:
-            model = MotorModel([e], options.beginning, output)
-            if output not in e:
-                start = offset or 0.0
-                out.append(Simulated(model.response(0, plant.numbers) + start, offset=start))
-                continue
-            basis = model.columns(0, plant.numbers)
-            known = plant.numbers["gain"] * np.asarray(basis.shared[:, 0])
-            local = fit_robustly(basis.local, model.measured[0] - known, options.residual_limit)
-            simulated = np.full(e.samples, np.nan)
-            simulated[model.runs[0].unseen :] = known + basis.local @ local
-            level = None if options.offset == "none" else float(local[0])
-            out.append(Simulated(simulated, offset=level))
-        return out
+            found = fit_saturated(task, fit_points) or fit_points(without_saturation(task))
+            notices = []
+        else:
+            found, bend = fit_motor(task)
+            options = found.settled(options)
+            notices = list(_warn_of_noise(found.solved, experiments))
+        solved = found.solved
+        if SATURATION not in solved.values:
+            notices.append(_remark_on_saturation(solved.values, bend))
+        unit = experiments[0].units[output]
+        unit = unit if output == "speed" else quotient_unit(unit, "s")
+        derived = solved.derive(defaultdict(lambda: unit), lambda v: self.derived(v, options))
+        return found.solution(self.simulate, experiments, variant, options, derived, notices)
 
     def unmodelled_effects(self, plant: Plant[MotorOptions]) -> Sequence[UnmodelledEffect]:
-        """Soft edges, and an offset left out on request; see :meth:`Family.unmodelled_effects`."""
-        middle = plant.numbers.get(OFFSET, 0.0)
-        low, high = edges(plant.numbers)
-        output = plant.variant.output.name
-        offset = [output_offset(output)] if plant.options.offset == "none" else []
-        return [soft_edges(plant, "command", (middle + low, middle + high)), *offset]
+        """Soft edges, and beginnings left out on request; see :meth:`Family.unmodelled_effects`."""
+        middle, (low, high) = plant.numbers.get(OFFSET, 0.0), edges(plant.numbers)
+        soft = soft_edges(plant, "command", (middle + low, middle + high))
+        return [soft, *([] if plant.variant.name == STATIC else self.beginnings_left_out(plant))]
 
     def physics_view(self, plant: Plant[MotorOptions], runs: Runs) -> PhysicsView | None:
-        """Settled speed over command, and the loop of play and curve for a slow command.
+        """Settled speed over command, and the curves of a command that rises and falls slowly.
 
         Nothing where the speed was not recorded, or was steady anyway.
         """
@@ -287,19 +206,22 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
             settled = rate <= _SETTLED * float(np.ptp(s.output[np.isfinite(s.output)]))
             speeds.append(np.where(settled, e.sampled("speed") - (s.offset or 0.0), np.nan))
         x = np.concatenate(commands)
-        up = np.linspace(np.nanmin(x), np.nanmax(x), 400)
-        spool = play(np.concatenate((up[::-1], up, up[::-1])), v.get("hysteresis", 0.0))[0]
-        rising, falling = np.split(static_speed(spool, v), 3)[1:]
         units = runs[0][0].units
         return PhysicsView(
             "Steady speed over command", "command", units["command"], "speed", units["speed"],
             Curve("measured", x, np.concatenate(speeds)),
-            [Curve("command rising", up, rising), Curve("command falling", up[::-1], falling)],
+            _loop(x, v),
         )  # fmt: skip
 
     def derived(self, values: Values, options: MotorOptions) -> Values:
-        """Speed at and beyond the saturation; see :meth:`Family.derived`."""
-        return _saturation_speeds(values)
+        """Speed at and beyond the saturation, one for either side; see :meth:`Family.derived`."""
+        if SATURATION not in values:
+            return {}
+        middle, way = np.real(values.get(OFFSET, 0.0)), 2.0 * np.real(values[SATURATION])
+        backward, forward = static_speed(middle + way * np.array([-1.0, 1.0]), values)
+        if "dead_zone" in values:
+            return {"saturation_speed": forward}
+        return {"saturation_speed_negative": backward, "saturation_speed_positive": forward}
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve, the lag behind it, and that lag for a speed held between samples."""
@@ -324,19 +246,25 @@ class HydraulicMotor(ResponseModel[MotorOptions], Family[MotorOptions]):
         if plant.variant.name != STATIC:
             return None
         u, units = np.concatenate([e.sampled("command") for e, _ in runs]), runs[0][0].units
-        speed, v = np.concatenate([e["speed"] for e, _ in runs]), plant.numbers
-        line, half = np.linspace(u.min(), u.max(), 500), 0.5 * v["hysteresis"]
-        curves = [Curve(label, line, np.real(static_speed(line + shift, v)))
-                  for label, shift in (("rising", -half), ("falling", half))]  # fmt: skip
+        speed = np.concatenate([e["speed"] for e, _ in runs])
         return StaticView(
             "command", units["command"], "speed", units["speed"], u, speed,
             np.concatenate([s.output for _, s in runs]), np.isfinite(speed),
-            curves if half else curves[:1],
+            _loop(u, plant.numbers),
         )  # fmt: skip
 
     def block(self, variant: Variant, document: ParameterDocument) -> MotorCurve:
         """The static curve and its inverse for a controller, and the motion where it is known."""
         return (MotorCurve if variant.name == STATIC else MotorBlock)(document, variant)
+
+
+def _loop(commands: FloatArray, values: Mapping[str, float]) -> list[Curve]:
+    """Steady speed over a command that rises and falls slowly; one curve without hysteresis."""
+    line = np.linspace(np.nanmin(commands), np.nanmax(commands), 500)
+    half = 0.5 * values["hysteresis"]
+    rising = Curve("command rising", line, static_speed(line - half, values))
+    falling = Curve("command falling", line[::-1], static_speed(line[::-1] + half, values))
+    return [rising, falling] if half else [rising]
 
 
 def _equation_of(equation: str, values: Mapping[str, float]) -> str:
@@ -350,8 +278,8 @@ def _equation_of(equation: str, values: Mapping[str, float]) -> str:
     return text
 
 
-def _check_dead_zone(request: Request[MotorOptions]) -> None:
-    """Refuse numbers of the dead zone that do not go together."""
+def _check_options(request: Request[MotorOptions]) -> None:
+    """Refuse options and numbers that do not go together."""
     options, given = request.options, {**request.fixed, **request.start, **request.bounds}
     check_form(given, "dead_zone", edge_names(options), "dead-zone", options.dead_zone)
     free = options.command_offset == "estimate" and OFFSET not in request.fixed
@@ -362,6 +290,12 @@ def _check_dead_zone(request: Request[MotorOptions]) -> None:
             remedy="Leave one of them out, or say from where the edges count: "
             "--fix command_offset=VALUE.",
         )
+    for name in ("start_state", "offset"):
+        if options.mode == "static" and getattr(options, name) is not None:
+            raise UsageError(
+                f"--{name.replace('_', '-')} means nothing to settled points",
+                remedy="Leave out either it or --mode=static.",
+            )
 
 
 def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]) -> Notice:
@@ -386,7 +320,7 @@ def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]
     )
 
 
-def _warn_of_noise(fitted: Fitted, experiments: Sequence[Experiment]) -> Iterator[Notice]:
+def _warn_of_noise(fitted: Solved, experiments: Sequence[Experiment]) -> Iterator[Notice]:
     """Say that the hysteresis is too wide where the command turns back with its noise."""
     name, noise = "hysteresis", max(white_noise(e.sampled("command")) for e in experiments)
     if name in fitted.names and (shift := _WIDENED * noise) > 2.0 * fitted.std_error(name):
@@ -396,14 +330,3 @@ def _warn_of_noise(fitted: Fitted, experiments: Sequence[Experiment]) -> Iterato
             f"motion and comes out wider by about {shift:.2g}, {shift / fitted.std_error(name):.0f}"
             " standard errors. Log the command as the controller gives it.",
         )
-
-
-def _saturation_speeds(v: Values) -> Values:
-    """Speed at and beyond the saturation, where it was reached; of two edges for either side."""
-    if SATURATION not in v:
-        return {}
-    beyond = np.real(v.get(OFFSET, 0.0)) + 2.0 * np.real(v[SATURATION]) * np.array([-1.0, 1.0])
-    backward, forward = static_speed(beyond, v)
-    if "dead_zone" in v:
-        return {"saturation_speed": forward}
-    return {"saturation_speed_negative": backward, "saturation_speed_positive": forward}

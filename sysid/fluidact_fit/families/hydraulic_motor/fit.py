@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 
 from ...errors import LogError, NotIdentifiedError
-from ...estimation.named_model import bind
+from ...estimation.named_map import NamedFit
+from ...estimation.named_model import NamedModel, Values, bind
 from ...estimation.response import Response, fit_response
 from ...estimation.response_model import (
     Beginning,
@@ -21,28 +23,34 @@ from ...estimation.response_model import (
 from ...estimation.results import Refusal, Solved
 from ...estimation.separable import profile, solve
 from ...estimation.significance import DECISIVE
+from ...estimation.starts import time_scales
+from ...estimation.transfer_model import ANY, TransferResponse
 from ...experiment import Experiment
 from ...options import choice
 from ...signals import rise_and_fall
-from ...specification import Request
+from ...specification import Plant, Request, Simulated, Variant
+from .equation import MotorModel, SettledModel
 
+STATIC = "static"
 SATURATION, OFFSET = "saturation_command", "command_offset"
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 _TRIFLE = 0.02  # of the motion in one direction: less of the other may be the zero of a sensor
-_POSSIBLE = (
-    3.0  # rise of the squared residuals, in variances, from which a saturation cannot be ruled out
-)
+_POSSIBLE = 3.0  # variances by which residuals fall with a saturation that is not ruled out
 _MATTERS = 5.0  # that rise times the standard errors by which it would move a parameter
+_BEST = 3  # starts of a search
 _BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
-MIDDLES = (0.0, -0.15, 0.15, -0.3, 0.3, -0.5, 0.5)  # shares of it, about their middle
-SHARES = {  # of the highest command, of one over it for the curvature
-    "dead_zone": (0.05, 0.3, 0.65),
-    "dead_zone_negative": (0.05, 0.3, 0.65),
-    "dead_zone_positive": (0.05, 0.3, 0.65),
-    "saturation_command": (0.9, 0.7, 0.4),
+_MIDDLES = (0.0, -0.15, 0.15, -0.3, 0.3, -0.5, 0.5)  # shares of it, about their middle
+_SHARES = {  # of the highest command, of one over it for the curvature
+    **dict.fromkeys(("dead_zone", *EDGES), (0.05, 0.3, 0.65)),
+    SATURATION: (0.9, 0.7, 0.4),
     "curvature": (0.3, 3.0),
     "hysteresis": (0.03, 0.2),
 }
+_OTHER_EDGES = (  # where a search is begun again, in parts of the values that it has ended at
+    (("hysteresis",), 0.25),
+    ((SATURATION,), 0.75),
+    (("dead_zone", *EDGES), 1.3),
+)
 
 
 @dataclass(frozen=True)
@@ -86,45 +94,137 @@ def middle_of_commands(experiments: Sequence[Experiment], request: Request[Motor
     return 0.5 * sum(command_range(experiments))
 
 
+def output_of(experiments: Sequence[Experiment]) -> str:
+    """Role of the output, the only one besides the command."""
+    return next(role for role in experiments[0].signals if role != "command")
+
+
 def edge_names(options: MotorOptions) -> tuple[str, ...]:
     """Parameters that the dead zone has."""
     return EDGES if options.dead_zone == "asymmetric" else ("dead_zone",)
 
 
-def require_motion(experiments: Sequence[Experiment]) -> None:
-    """Refuse logs in which nothing moves (``LogError``)."""
-    low, high = command_range(experiments)
-    output = next(role for role in experiments[0].signals if role != "command")
-    if low == high or not any(np.ptp(e[output]) for e in experiments):
-        raise LogError(
-            f"command or {output} does not change in any log",
-            remedy="Record a staircase of the command from zero to saturation and back.",
-        )
+class MotorResponse(TransferResponse[MotorOptions]):
+    """Declaration of the motor: its models, what is searched for, and from where."""
+
+    gain, robust, common_offset, many_minima = "gain", True, False, True
+
+    def transfer_model(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
+    ) -> MotorModel:
+        """The model of some experiments over time."""
+        return MotorModel(variant, experiments, begin)
+
+    def response(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
+        names: tuple[str, ...],
+    ) -> NamedModel:  # fmt: skip
+        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
+        if variant.name == STATIC:
+            return SettledModel(experiments).named(names)
+        return super().response(variant, experiments, begin, names)
+
+    def simulate(
+        self, plant: Plant[MotorOptions], experiments: Sequence[Experiment],
+        offset: float | None = None,
+    ) -> list[Simulated]:  # fmt: skip
+        """Output from command; see :meth:`.Family.simulate`."""
+        if plant.variant.name != STATIC:
+            return super().simulate(plant, experiments, offset)
+        model = SettledModel(experiments)
+        return [Simulated(model.response(k, plant.numbers)) for k in range(len(experiments))]
+
+    def fastest(self, values: Values) -> float:
+        """The only pole [rad/s]."""
+        return 1.0 / float(values["time_constant"])
+
+    def plan(self, experiments: Sequence[Experiment], request: Request[MotorOptions]) -> Plan:
+        """Return typical sizes and ranges; see :func:`fit_motor` for the saturation.
+
+        Raises
+        ------
+        LogError
+            When nothing moves.
+        """
+        options, (low, high) = request.options, command_range(experiments)
+        output = output_of(experiments)
+        if low == high or not any(np.ptp(e[output]) for e in experiments):
+            raise LogError(
+                f"command or {output} does not change in any log",
+                remedy="Record a staircase of the command from zero to saturation and back.",
+            )
+        top = highest_command(experiments, middle_of_commands(experiments, request))
+        zones = dict.fromkeys(edge_names(options), (0.0, 0.95 * top))
+        if EDGES[0] in zones:
+            zones[EDGES[0]] = -0.95 * top, 0.0
+        searched = [Searched(n, 0.1 * top, z, sensible=0.3 * top) for n, z in zones.items()]
+        if options.command_offset == "estimate" or OFFSET in request.fixed:
+            searched.append(Searched(OFFSET, 0.1 * top, (low, high), sensible=0.3 * top))
+        searched += [
+            Searched("curvature", 1.0 / top, (0.0, 50.0 / top), sensible=3.0 / top),
+            Searched(SATURATION, top, (0.02 * top, top), idle=10.0 * top),
+            Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), sensible=0.3 * top),
+        ]
+        if options.mode == "dynamic":
+            step, span = time_scales(experiments)
+            searched += [
+                Searched("time_constant", 3.0 * step, (0.01 * step, 2.0 * span)),
+                Searched("dead_time", step, (0.0, 0.5 * span), sensible=20.0 * step),
+            ]
+        return Plan(searched, refusals=_refused_beforehand(experiments, request))
+
+    def starts(
+        self, task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
+    ) -> list[dict[str, float]]:
+        """Best of a grid of lags for a typical curve, then of grids of curves behind that lag.
+
+        The gain is linear: at any other values it follows without a search.
+        """
+        problem, unknowns = task.problem(experiments, begin), task.unknowns
+        free = problem.names
+        top = 1.0 / unknowns["curvature"].scale
+        size = {"curvature": 1.0 / top, EDGES[0]: -top}
+        curves = {n: [s * size.get(n, top) for s in shares] for n, shares in _SHARES.items()}
+        values = {n: axis[0] for n, axis in curves.items()} | task.held
+        middle = middle_of_commands(task.experiments, task.request)
+        first = {OFFSET: [middle + share * top for share in _MIDDLES]}
+        if "dead_time" in unknowns:
+            step, late = unknowns["dead_time"].scale, unknowns["dead_time"].high
+            lags = np.unique([0.5 * step, *np.geomspace(min(2.0 * step, late), late, 8)])
+            slow = np.geomspace(step, max(0.3 * late, 2.0 * step), 5)
+            first |= {"time_constant": slow.tolist(), "dead_time": lags.tolist()}
+
+        def rank(**wanted: Sequence[float]) -> list[dict[str, float]]:
+            grid = {n: points for n, points in wanted.items() if n in free}
+            every = [{**values, **dict(zip(grid, point))} for point in product(*grid.values())]
+            every = [{**v, **task.request.start} for v in every]
+            cost = profile(problem, np.array([[v[n] for n in free] for v in every]))
+            return [every[k] for k in np.argsort(cost, kind="stable")]
+
+        values = rank(**first)[0]
+        return rank(**curves)[:_BEST]
+
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Other edges: each level of a held command that one of them passes may make a minimum.
+
+        In an angle what is wrong adds up, and minima far from the best are deep.
+        """
+        return [
+            {n: share * values[n] for n in names if n in values}
+            for names, share in _OTHER_EDGES
+            if any(n in values for n in names)
+        ]
 
 
-def searched_curve(
-    experiments: Sequence[Experiment], request: Request[MotorOptions], saturated: bool
-) -> list[Searched]:
-    """Typical sizes and ranges of what the curve has, the saturation only where asked for."""
-    options, (low, high) = request.options, command_range(experiments)
-    top = highest_command(experiments, middle_of_commands(experiments, request))
-    zones = dict.fromkeys(edge_names(options), (0.0, 0.95 * top)) | {EDGES[0]: (-0.95 * top, 0.0)}
-    searched = [Searched(n, 0.1 * top, zones[n], sensible=0.3 * top) for n in edge_names(options)]
-    if options.command_offset == "estimate" or OFFSET in request.fixed:
-        searched.append(Searched(OFFSET, 0.1 * top, (low, high), sensible=0.3 * top))
-    searched.append(Searched("curvature", 1.0 / top, (0.0, 50.0 / top), sensible=3.0 / top))
-    if saturated:
-        searched.append(Searched(SATURATION, top, (0.02 * top, top), idle=10.0 * top))
-    width = Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), sensible=0.3 * top)
-    return [*searched, width]
-
-
-def refused_beforehand(
+def _refused_beforehand(
     experiments: Sequence[Experiment], request: Request[MotorOptions]
 ) -> list[Refusal]:
     """Refusals of parameters that no sample depends on."""
-    middle = middle_of_commands(experiments, request)
-    out = _one_way(experiments, middle)
+    middle, out = middle_of_commands(experiments, request), []
+    back = [min(rise_and_fall(np.abs(e.sampled("command") - middle))) for e in experiments]
+    if max(back) <= 0.25 * highest_command(experiments, middle):
+        # going one way it only shifts the curve, which dead zone and saturation do as well
+        out.append(Refusal("hysteresis", "every log moves the command in one direction only."))
     free = request.options.command_offset == "estimate" and OFFSET not in request.fixed
     if free and not _turns_both_ways(experiments):
         out.append(Refusal(
@@ -136,83 +236,42 @@ def refused_beforehand(
 
 def _turns_both_ways(experiments: Sequence[Experiment]) -> bool:
     """Return whether the motor turns forward and backward by more than a trifle."""
-    forward = backward = 0.0
-    for e in experiments:
-        if "speed" in e:
-            forward, backward = max(forward, e["speed"].max()), max(backward, -e["speed"].min())
-            continue
-        y = next(e[role] for role in e.signals if role != "command")
-        rise, fall = rise_and_fall(y)
-        forward, backward = max(forward, rise), max(backward, fall)
-    return min(forward, backward) > _TRIFLE * max(forward, backward)
-
-
-def plan_motor(
-    experiments: Sequence[Experiment], request: Request[MotorOptions], saturated: bool
-) -> Plan:
-    """Typical sizes and ranges of all parameters, the saturation only where it is asked for.
-
-    Raises
-    ------
-    LogError
-        When nothing moves.
-    """
-    require_motion(experiments)
-    step = max(e.sample_time for e in experiments)
-    span = min(float(np.ptp(e.time)) for e in experiments)
-    searched = [
-        *searched_curve(experiments, request, saturated),
-        Searched("time_constant", 3.0 * step, (0.01 * step, 2.0 * span)),
-        Searched("dead_time", step, (0.0, 0.5 * span), sensible=20.0 * step),
+    output = output_of(experiments)
+    ways = [
+        (e[output].max(), -e[output].min()) if output == "speed" else rise_and_fall(e[output])
+        for e in experiments
     ]
-    return Plan(searched, refusals=refused_beforehand(experiments, request))
+    forward, backward = (max(0.0, *each) for each in zip(*ways))
+    return bool(min(forward, backward) > _TRIFLE * max(forward, backward))
 
 
-def curve_axes(top: float) -> dict[str, list[float]]:
-    """Values to try of every parameter of the curve; ``top`` is the highest command."""
-    size = {"curvature": 1.0 / top, EDGES[0]: -top}
-    return {n: [s * size.get(n, top) for s in shares] for n, shares in SHARES.items()}
+F = TypeVar("F", Response[MotorOptions], NamedFit)
 
 
-def start_motor(
-    task: ResponseTask[MotorOptions], experiments: Sequence[Experiment], begin: Beginning
-) -> list[dict[str, float]]:
-    """Best of a grid of lags for a typical curve, then of grids of curves behind that lag.
+def without_saturation(task: ResponseTask[MotorOptions]) -> ResponseTask[MotorOptions]:
+    """The task of a motor whose speed grows with every command."""
+    searched = [s for s in task.plan.searched if s.name != SATURATION]
+    return replace(task, plan=replace(task.plan, searched=searched))
 
-    The gain is linear: at any other values it follows without a search.
-    """
-    problem, unknowns = task.problem(experiments, begin), task.unknowns
-    free = problem.names
-    top = 1.0 / unknowns["curvature"].scale
-    curves = curve_axes(top)
-    values = {n: axis[0] for n, axis in curves.items()}
-    middle = middle_of_commands(task.experiments, task.request)
-    middles = (middle + top * np.array(MIDDLES)).tolist() if OFFSET in free else [middle]
-    step, late = unknowns["dead_time"].scale, unknowns["dead_time"].high
-    lags = np.unique([0.5 * step, *np.geomspace(min(2.0 * step, late), late, 8)])
-    slow = np.geomspace(step, max(0.3 * late, 2.0 * step), 5)
 
-    def rank(**wanted: Sequence[float]) -> list[dict[str, float]]:
-        grid = {n: points for n, points in wanted.items() if n in free}
-        every = [{**values, **dict(zip(grid, point))} for point in product(*grid.values())]
-        every = [{**v, **task.request.start} for v in every]
-        cost = profile(problem, np.array([[v[n] for n in free] for v in every]))
-        return [every[k] for k in np.argsort(cost, kind="stable")]
-
-    values = {**values, **task.held, "time_constant": slow[0], "dead_time": lags[0]}
-    values |= {OFFSET: middle} if OFFSET in task.plan.names else {}
-    values = rank(time_constant=slow.tolist(), dead_time=lags.tolist(), **{OFFSET: middles})[0]
-    if SATURATION not in free:
-        return rank(**curves)[:2]
-    # a search that slides to the last command sees no saturation any more: one from each
-    ends = curves.pop(SATURATION)
-    return [rank(**curves, saturation_command=[end])[0] for end in ends]
+def fit_saturated(
+    task: ResponseTask[MotorOptions], fit: Callable[[ResponseTask[MotorOptions]], F]
+) -> F | None:
+    """The fit with a saturation; ``None`` where the logs neither show one nor it was given."""
+    given = SATURATION in task.request.fixed
+    try:
+        found = fit(task)
+    except NotIdentifiedError:
+        if given:
+            raise
+        return None
+    return found if given or _is_reached(task.experiments, found.solved) else None
 
 
 def fit_motor(
-    task: ResponseTask[MotorOptions], without: ResponseTask[MotorOptions]
+    task: ResponseTask[MotorOptions],
 ) -> tuple[Response[MotorOptions], dict[str, float]]:
-    """Fit with a saturation where the speeds show one, else ``without``.
+    """Fit with a saturation where the speeds show one, else without.
 
     A saturation that is not determined, or that the residuals do not ask for, is none. A search
     for it can slide to the highest command, where it leaves no trace; it is then sought again
@@ -223,16 +282,18 @@ def fit_motor(
     The fit, and values with a saturation that the logs neither show nor rule out, where it would
     move others by a good part of their errors; empty where there is none.
     """
-    found = _saturated(task)
+    found = fit_saturated(task, fit_response)
     if found is not None:
         return found, {}
-    found = fit_response(without)
+    found = fit_response(without_saturation(task))
     if SATURATION in task.request.start:
         return found, {}
     bend, rise = _find_bend(task, found)
     if rise > DECISIVE:
         start = {n: bend[n] for n in task.plan.names}
-        again = _saturated(replace(task, request=replace(task.request, start=start)))
+        again = fit_saturated(
+            replace(task, request=replace(task.request, start=start)), fit_response
+        )
         if again is not None:
             return again, {}
     f = found.fitted
@@ -241,19 +302,7 @@ def fit_motor(
     return found, bend if rise > _POSSIBLE and rise * moved > _MATTERS else {}
 
 
-def _saturated(task: ResponseTask[MotorOptions]) -> Response[MotorOptions] | None:
-    """The fit with a saturation, ``None`` where the logs do not show it."""
-    given = SATURATION in task.request.fixed
-    try:
-        found = fit_response(task)
-    except NotIdentifiedError:
-        if given:
-            raise
-        return None
-    return found if given or is_reached(task.experiments, found.fitted) else None
-
-
-def is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
+def _is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
     """Return whether an estimated saturation lies clearly below the highest command of the spool.
 
     The play takes half the hysteresis from the command.
@@ -282,15 +331,3 @@ def _find_bend(
             found = {**fitted.values, **held, **values}
     rows = sum(y.size for y in model.measured)
     return found, rows * (fitted.solution.cost / best - 1.0)
-
-
-def _one_way(experiments: Sequence[Experiment], middle: float) -> list[Refusal]:
-    """Refuse the hysteresis where no log raises and lowers the command by a fair amount.
-
-    Going one way it only shifts the curve, which dead zone and saturation do as well.
-    """
-    top = highest_command(experiments, middle)
-    for e in experiments:
-        if min(rise_and_fall(np.abs(e.sampled("command") - middle))) > 0.25 * top:
-            return []
-    return [Refusal("hysteresis", "every log moves the command in one direction only.")]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -21,14 +20,13 @@ from ...estimation.parametric import Fitted
 from ...estimation.response import fit_response
 from ...estimation.response_model import (
     Beginning,
-    ResponseModel,
     ResponseOptions,
     ResponseTask,
     Searched,
 )
 from ...estimation.sampled import discretise
-from ...estimation.unmodelled_effects import initial_states, output_offset
-from ...experiment import Array, Experiment, FloatArray, Hold
+from ...estimation.transfer_model import ANY, TransferModel, TransferResponse, state_space
+from ...experiment import Array, Experiment, Hold
 from ...family import (
     Excitation,
     Family,
@@ -37,15 +35,12 @@ from ...family import (
     ParameterSpec,
     Plant,
     Request,
-    Simulated,
     Solution,
     UnmodelledEffect,
     Variant,
 )
 from .block import TransferBlock, TransferFunction
-from .model import TransferModel, state_space
 
-AT_REST = Beginning(rest=True, offset="none")
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
 
 T = TypeVar("T", bound=ResponseOptions)
@@ -64,7 +59,7 @@ def any_dead_time(step: float, span: float) -> Searched:
     return Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span)
 
 
-class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
+class TransferFamily(TransferResponse[T], Family[T], Generic[T]):
     """Base of the transfer-function families.
 
     Attributes
@@ -121,13 +116,18 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         """Largest pole [rad/s]."""
         return float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max())
 
+    def transfer_model(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
+    ) -> TransferModel:
+        """The model of some experiments."""
+        return TransferModel(self, variant, experiments, begin)
+
     def response(
         self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
         names: tuple[str, ...],
     ) -> NamedModel:  # fmt: skip
         """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
-        model = TransferModel(self, variant, experiments, begin).named(names)
-        return replace(model, follow=self.follow)
+        return replace(super().response(variant, experiments, begin, names), follow=self.follow)
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
@@ -139,22 +139,6 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
         return found.solution(
             self.simulate, experiments, variant, options, derived, self.notices(fitted, options)
         )
-
-    def simulate(
-        self, plant: Plant[T], experiments: Sequence[Experiment], offset: float | None = None
-    ) -> list[Simulated]:
-        """Output from the input; see :meth:`Family.simulate`."""
-        v, variant, start = plant.numbers, plant.variant, offset or 0.0
-        recorded = [e for e in experiments if variant.output.name in e]
-        model = TransferModel(self, variant, recorded, plant.options.beginning)
-        fitted, out = iter(model.fitted(v) if recorded else ()), []
-        for e in experiments:
-            if variant.output.name in e:
-                out.append(next(fitted))
-            else:
-                alone = TransferModel(self, variant, [e], AT_REST).combined(v)
-                out.append(Simulated(alone + start, offset=start))
-        return out
 
     def information(self, plant: Plant[T], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
@@ -174,20 +158,7 @@ class TransferFamily(ResponseModel[T], Family[T], Generic[T]):
 
     def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
         """Beginnings left out on request; see :meth:`Family.unmodelled_effects`."""
-        output, begin = plant.variant.output.name, plant.options.beginning
-        out = list[UnmodelledEffect]()
-        if begin.offset == "none":
-            out.append(output_offset(output))
-        if begin.rest:
-            out.append(initial_states(output, partial(self._free_responses, plant)))
-        return out
-
-    def _free_responses(self, plant: Plant[T], experiment: Experiment) -> FloatArray:
-        """Output after unit states, shape ``(n, states)``."""
-        begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
-        model = TransferModel(self, plant.variant, [experiment], begin)
-        local = model.columns(0, plant.numbers).local
-        return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
+        return self.beginnings_left_out(plant)
 
     def prior_guess(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float

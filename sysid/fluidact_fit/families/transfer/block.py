@@ -15,11 +15,11 @@ from ...errors import UsageError
 from ...estimation.inputs import apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
 from ...estimation.sampled import difference_equation, discretise, sample
+from ...estimation.transfer_model import EDGES, input_level, state_space
 from ...experiment import Experiment, FloatArray, Hold, Signal
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
 from ...specification import Variant
-from .model import EDGES, input_level, state_space
 
 
 @dataclass(frozen=True)

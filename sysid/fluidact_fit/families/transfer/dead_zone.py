@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import NotIdentifiedError
 from ...estimation.inputs import beyond_dead_zone
+from ...estimation.transfer_model import EDGES
 from ...estimation.unmodelled_effects import slopes, soft_edges
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
@@ -30,7 +31,6 @@ from ...mechanics.held import HeldMass
 from ...mechanics.local_motion import delayed, local_motion
 from ...specification import quotient_unit
 from .base import T, TransferFamily
-from .model import EDGES
 
 _RESTING = 0.03  # of the highest speed, below which the piston rests
 _ASIDE = 0.05  # of the largest force, by which all those at rest may be on one side of zero

@@ -29,12 +29,12 @@ from ...estimation.problem import Unknown
 from ...estimation.response_model import Beginning, Plan, ResponseOptions, ResponseTask, Searched
 from ...estimation.separable import solve
 from ...estimation.starts import dead_time_axis, grid_search, time_scales
+from ...estimation.transfer_model import EDGES
 from ...experiment import Array, Experiment
 from ...family import ParameterSpec, Request, Role, Structure, Variant
 from ...options import choice
 from .base import ASKED, any_dead_time, dead_time
 from .dead_zone import DEAD_ZONE, BehindDeadZone, speeds
-from .model import EDGES
 
 
 @dataclass(frozen=True)

@@ -5,31 +5,37 @@ A family gives its coefficients as a function of named values (:class:`Law`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from ...estimation.elimination import Eliminated
-from ...estimation.grid import Grid, make_grid
-from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
-from ...estimation.linear import forced_response, free_response, states_at_nodes
-from ...estimation.named_model import NamedModel, Values, bind
-from ...estimation.problem import Basis, real_if_real
-from ...estimation.response_model import Beginning
-from ...experiment import Array, Experiment, FloatArray, Signal
-from ...family import Simulated, Variant
-from ...rows import repeated, side_by_side
+from ..experiment import Array, Experiment, FloatArray, Signal
+from ..rows import repeated, side_by_side
+from ..specification import Plant, Simulated, UnmodelledEffect, Variant
+from .elimination import Eliminated
+from .grid import Grid, make_grid
+from .inputs import PiecewiseInput, apply_dead_zone, piecewise
+from .linear import forced_response, free_response, states_at_nodes
+from .named_model import NamedModel, Values, bind
+from .problem import Basis, real_if_real
+from .response_model import Beginning, ResponseModel, ResponseOptions
+from .robust_weights import ROUNDS, huber_weights
+from .unmodelled_effects import initial_states, output_offset
 
 T = TypeVar("T")
+OptionsT = TypeVar("OptionsT", bound=ResponseOptions)
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 ANY = Beginning()
+AT_REST = Beginning(rest=True, offset="none")
 _FEWEST = 4  # samples that are left of a run
 
 
 class Law(Protocol):
-    """The family as its model needs it; see :class:`.TransferFamily`."""
+    """What is linear of a family, as its model needs it."""
 
     gain: ClassVar[str | None]
     dead_zone: ClassVar[bool]
@@ -106,7 +112,7 @@ class TransferModel:
         drive, output = variant.driving[0].name, variant.output.name
         recorded = [e for e in experiments if output in e]
         self.resolutions = [e.signals[output].resolution for e in recorded]
-        self.levels = [input_level(e.signals[drive]) for e in experiments]
+        self.levels = [self.level(e.signals[drive]) for e in experiments]
         self.logs = [e.log for e in experiments]
         several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.several = several if begin.offset == "log" else []
@@ -114,16 +120,24 @@ class TransferModel:
         self.measured = [e[output][p.unseen :] for e, p in zip(recorded, self.prepared)]
         self._known: dict[tuple[str, int], tuple[bytes, Any]] = {}
 
+    def level(self, signal: Signal) -> float:
+        """Level of an input from which the response departs [its unit]."""
+        return 0.0 if self.law.dead_zone else input_level(signal)
+
+    def read(self, signal: Signal) -> PiecewiseInput:
+        """The input over time, about its level."""
+        return piecewise(signal, level=self.level(signal))
+
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
-        u = piecewise(signal, level=0.0 if self.law.dead_zone else input_level(signal))
+        u = self.read(signal)
         rest = self.begin.rest or signal.time.size == 1
         time, unseen = experiment.time, 0
         if not rest:  # a few are left of a run that ends before
             end = time[0] + self.begin.unrecorded
             unseen = max(min(int(np.searchsorted(time, end)), time.size - _FEWEST), 0)
         whole = make_grid(time)
-        same = signal.time is time or np.array_equal(signal.time, time)
+        same = u.nodes is time or np.array_equal(u.nodes, time)
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         own = log is None and self.begin.offset != "none"
         return _Prepared(
@@ -134,7 +148,7 @@ class TransferModel:
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
         p = self.prepared[index]
-        y, local = self._forced(index, values), self._local(index, values)
+        y, local = self.forced(index, values), self._local(index, values)
         offsets = np.zeros((y.size, len(self.several)))
         if p.log is not None:
             offsets[:, p.log] = 1.0
@@ -144,8 +158,8 @@ class TransferModel:
             y = y + self.levels[index]
         return Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
 
-    def _forced(self, index: int, values: Values) -> Array:
-        """Response of one run to its input, shape ``(n,)``."""
+    def forced(self, index: int, values: Values) -> Array:
+        """Response of one run to its input, of unit gain, shape ``(n,)``."""
         p, u = self.prepared[index], self.prepared[index].u
         a, b, c = map(real_if_real, self.law.realise(values))
         if self.law.dead_zone:
@@ -200,20 +214,27 @@ class TransferModel:
             resolutions=self.resolutions, logs=self.logs,
         )  # fmt: skip
 
-    def fitted(self, values: Values) -> list[Simulated]:
+    def fitted(self, values: Values, limit: float | None = None) -> Iterator[Simulated]:
         """Outputs of all runs, offset by log and initial state by run fitted to what was recorded.
 
-        What answers to an input before the run is NaN.
+        Samples off by more than a ``limit`` count less for these. What answers to an input before
+        the run is NaN.
         """
-        out, nonlinear = [], [n for n in values if n != self.law.gain]
-        fit = Eliminated(bind(self.named(nonlinear), {}, values), np.zeros(0))
+        problem = bind(self.named([n for n in values if n != self.law.gain]), {}, values)
+        fit = Eliminated(problem, np.zeros(0))
+        for _ in range(ROUNDS if limit is not None else 0):
+            rest = [y - s for y, s in zip(problem.measured, fit.simulate(), strict=True)]
+            weights = huber_weights(rest, limit)[0]
+            if all(w.min(initial=1.0) == 1.0 for w in weights):
+                break
+            problem = replace(problem, weights=weights)
+            fit = Eliminated(problem, fit.eta, fit.bases)
         for i, (p, simulated) in enumerate(zip(self.prepared, fit.simulate(), strict=True)):
             offset = None
             if p.own or p.log is not None:
                 offset = float(fit.local[i][-1] if p.log is None else fit.linear[p.log])
                 offset -= self.steady_level(i, values)
-            out.append(Simulated(np.append(np.full(p.unseen, np.nan), simulated), offset=offset))
-        return out
+            yield Simulated(np.append(np.full(p.unseen, np.nan), simulated), offset=offset)
 
     def combined(self, values: Values) -> FloatArray:
         """Output of the first run, all that belongs to it alone being zero."""
@@ -226,3 +247,52 @@ def input_level(signal: Signal) -> float:
     """The level of rest that a signal starts from [unit of the signal]."""
     stepped = signal.time.size == 1
     return signal.before if stepped else float(signal.values[0])
+
+
+class TransferResponse(ResponseModel[OptionsT], Generic[OptionsT]):
+    """Declaration of a family whose response is that of a :class:`TransferModel`."""
+
+    @abstractmethod
+    def transfer_model(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning = ANY
+    ) -> TransferModel:
+        """The model of some experiments."""
+
+    def response(
+        self, variant: Variant, experiments: Sequence[Experiment], begin: Beginning,
+        names: tuple[str, ...],
+    ) -> NamedModel:  # fmt: skip
+        """The model as the estimation takes it; see :meth:`ResponseModel.response`."""
+        return self.transfer_model(variant, experiments, begin).named(names)
+
+    def simulate(
+        self, plant: Plant[OptionsT], experiments: Sequence[Experiment], offset: float | None = None
+    ) -> list[Simulated]:
+        """Output from the input; see :meth:`.Family.simulate`."""
+        v, variant, options, start = plant.numbers, plant.variant, plant.options, offset or 0.0
+        recorded, out = [e for e in experiments if variant.output.name in e], []
+        if recorded:
+            model = self.transfer_model(variant, recorded, options.beginning)
+            fitted = model.fitted(v, options.residual_limit)
+        for e in experiments:
+            if variant.output.name in e:
+                out.append(next(fitted))
+            else:
+                alone = self.transfer_model(variant, [e], AT_REST).combined(v)
+                out.append(Simulated(alone + start, offset=start))
+        return out
+
+    def beginnings_left_out(self, plant: Plant[OptionsT]) -> list[UnmodelledEffect]:
+        """Offsets and initial states that a fit did not ask for, or was not to have."""
+        begin, output = plant.options.beginning, plant.variant.output.name
+        out = [output_offset(output)] if begin.offset == "none" else []
+        if begin.rest:
+            out.append(initial_states(output, partial(self._free_responses, plant)))
+        return out
+
+    def _free_responses(self, plant: Plant[OptionsT], experiment: Experiment) -> FloatArray:
+        """Output after unit states, shape ``(n, states)``."""
+        begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
+        model = self.transfer_model(plant.variant, [experiment], begin)
+        local = model.columns(0, plant.numbers).local
+        return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
