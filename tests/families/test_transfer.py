@@ -473,7 +473,7 @@ def test_other_zeros_leave_mean_and_spread_of_the_response() -> None:
         first = 2.0 * v["damping_ratio"] / v["natural_frequency"] * mean
         return mean, first - v["natural_frequency"] ** -2.0
 
-    others = get_family("valve").elsewhere(at, 0.002)
+    others = get_family("valve").alternative_starts(at, 0.002)
     assert min(v["zero_time_constant"] for v in others) < 0.012
     assert max(v["zero_time_constant"] for v in others) > 0.05
     for v in others:

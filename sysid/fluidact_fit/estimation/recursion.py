@@ -60,10 +60,10 @@ def clamped(
     width = max(1, ceil((count / _PER_STEP) ** 0.5))  # of a part
     rows = -(-count // width)
 
-    def cut(values: npt.ArrayLike, idle: float) -> FloatArray:
+    def cut(values: npt.ArrayLike, padding: float) -> FloatArray:
         if np.ndim(values) == 0:
             return np.broadcast_to(np.asarray(values, dtype=float), (width, rows))
-        out = np.full(rows * width, idle)
+        out = np.full(rows * width, padding)
         out[:count] = values
         return out.reshape(rows, width).T
 

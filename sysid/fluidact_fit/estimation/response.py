@@ -149,7 +149,9 @@ def _search_alternatives(task: ResponseTask[T], problem: Problem, search: Search
     for _ in range(3):
         best = search.best
         values = task.values(problem, best.eta)
-        points = [p for p in task.model.elsewhere(values, step) if not set(p) & set(task.held)]
+        points = [
+            p for p in task.model.alternative_starts(values, step) if not set(p) & set(task.held)
+        ]
         if not points:
             return search
         starts = np.array([problem.vector({**values, **p}) for p in points])

@@ -87,9 +87,9 @@ class Searched:
         Typical size and search range.
     axis
         Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
-    sensible
+    max_half_width
         Half-width beyond which a 95 % interval is useless; the estimate itself when ``None``.
-    idle
+    no_effect_at
         Value without effect on these logs.
     """
 
@@ -97,8 +97,8 @@ class Searched:
     scale: float = 1.0
     limits: tuple[float, float] = (-np.inf, np.inf)
     axis: FloatArray = field(default_factory=lambda: np.zeros(1))
-    sensible: float | None = None
-    idle: float | None = None
+    max_half_width: float | None = None
+    no_effect_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,12 +130,12 @@ class Plan:
     @property
     def max_half_widths(self) -> dict[str, float]:
         """Half-widths of intervals beyond which a parameter is refused, by name."""
-        return {s.name: s.sensible for s in self.searched if s.sensible is not None}
+        return {s.name: s.max_half_width for s in self.searched if s.max_half_width is not None}
 
     @property
     def no_effect_at(self) -> dict[str, float]:
         """Values at which a parameter has no effect, by name."""
-        return {s.name: s.idle for s in self.searched if s.idle is not None}
+        return {s.name: s.no_effect_at for s in self.searched if s.no_effect_at is not None}
 
     def asked_for(self, variant: Variant, request: Request[ResponseOptions]) -> Plan:
         """The plan without what an option has estimated on request, where it is not.
@@ -211,7 +211,9 @@ class ResponseModel(ABC, Generic[T]):
         axes = {s.name: s.axis for s in task.plan.searched}
         return grid_search(task.problem(experiments, begin), axes, dead_times)
 
-    def elsewhere(self, values: Mapping[str, float], step: float) -> list[dict[str, float]]:
+    def alternative_starts(
+        self, values: Mapping[str, float], step: float
+    ) -> list[dict[str, float]]:
         """Return distant values that samples every ``step`` [s] may not tell from these."""
         return []
 

@@ -157,19 +157,19 @@ class MotorResponse(TransferResponse[MotorOptions]):
         zones = dict.fromkeys(edge_names(options), (0.0, 0.95 * top))
         if EDGES[0] in zones:
             zones[EDGES[0]] = -0.95 * top, 0.0
-        searched = [Searched(n, 0.1 * top, z, sensible=0.3 * top) for n, z in zones.items()]
+        searched = [Searched(n, 0.1 * top, z, max_half_width=0.3 * top) for n, z in zones.items()]
         if options.command_offset == "estimate" or OFFSET in request.fixed:
-            searched.append(Searched(OFFSET, 0.1 * top, (low, high), sensible=0.3 * top))
+            searched.append(Searched(OFFSET, 0.1 * top, (low, high), max_half_width=0.3 * top))
         searched += [
-            Searched("curvature", 1.0 / top, (0.0, 50.0 / top), sensible=3.0 / top),
-            Searched(SATURATION, top, (0.02 * top, top), idle=10.0 * top),
-            Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), sensible=0.3 * top),
+            Searched("curvature", 1.0 / top, (0.0, 50.0 / top), max_half_width=3.0 / top),
+            Searched(SATURATION, top, (0.02 * top, top), no_effect_at=10.0 * top),
+            Searched("hysteresis", 0.05 * top, (0.0, 1.5 * top), max_half_width=0.3 * top),
         ]
         if options.mode == "dynamic":
             step, span = time_scales(experiments)
             searched += [
                 Searched("time_constant", 3.0 * step, (0.01 * step, 2.0 * span)),
-                Searched("dead_time", step, (0.0, 0.5 * span), sensible=20.0 * step),
+                Searched("dead_time", step, (0.0, 0.5 * span), max_half_width=20.0 * step),
             ]
         return Plan(searched, refusals=_refused_beforehand(experiments, request))
 
@@ -204,7 +204,7 @@ class MotorResponse(TransferResponse[MotorOptions]):
         values = rank(**first)[0]
         return rank(**curves)[:_BEST]
 
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+    def alternative_starts(self, values: Values, step: float) -> list[dict[str, float]]:
         """Other edges: each level of a held command that one of them passes may make a minimum.
 
         In an angle what is wrong adds up, and minima far from the best are deep.

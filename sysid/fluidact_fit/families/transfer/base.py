@@ -56,7 +56,7 @@ def dead_time(before: str, remedy: str, *, optional: bool = False) -> ParameterS
 
 def any_dead_time(step: float, span: float) -> Searched:
     """Search range of the dead time, for the scales of :func:`.time_scales`."""
-    return Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span)
+    return Searched("dead_time", step, (0.0, 0.5 * span), max_half_width=0.25 * span)
 
 
 class TransferFamily(TransferResponse[T], Family[T], Generic[T]):

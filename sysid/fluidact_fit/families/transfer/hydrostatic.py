@@ -119,7 +119,7 @@ class Hydrostatic(BehindDeadZone[HydrostaticOptions]):
             pushed[:2, 2] = b
         return pushed, np.append(c, 0.0), (1, 2)
 
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+    def alternative_starts(self, values: Values, step: float) -> list[dict[str, float]]:
         """No spring at all: a weak one and a free initial position stand for a drift.
 
         A search that ends beside zero may have stopped there with edges that make up for it.
@@ -154,7 +154,7 @@ class Hydrostatic(BehindDeadZone[HydrostaticOptions]):
                 Searched(n, force, (min(end, 0.0), max(end, 0.0)), end * shares, 0.5 * force, end)
                 for n, end in zip(EDGES, ends)
             ),
-            Searched("stiffness", damping / span, axis=stiffnesses, sensible=force / travel),
+            Searched("stiffness", damping / span, axis=stiffnesses, max_half_width=force / travel),
             any_dead_time(step, span),
         ]
         return Plan(searched, lag=lambda at: 3.0 * step)

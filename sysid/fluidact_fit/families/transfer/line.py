@@ -139,7 +139,9 @@ class Line(TransferFamily[LineOptions]):
         ]
         if request.options.order == "second" or _SECOND in request.fixed:
             none = 0.1 * step  # too short for the samples to show it
-            searched.append(Searched(_SECOND, step, (none, 100.0 * span), axis[::2], idle=none))
+            searched.append(
+                Searched(_SECOND, step, (none, 100.0 * span), axis[::2], no_effect_at=none)
+            )
         return Plan(searched, lag=lambda at: at["time_constant"])
 
     def unmodelled_effects(self, plant: Plant[LineOptions]) -> Sequence[UnmodelledEffect]:

@@ -110,7 +110,7 @@ class Valve(TransferFamily[ValveOptions]):
             Searched("damping_ratio", 1.0, (1e-6, 1e3), np.array([0.2, 0.7, 2.0])),
             any_dead_time(step, span),
             # near zero it and the dead time change the output alike: it is the one to be given up
-            Searched("zero_time_constant", step, (-span, span), sensible=0.2 * span),
+            Searched("zero_time_constant", step, (-span, span), max_half_width=0.2 * span),
         ]
         return Plan(searched, lag=lambda at: 2.0 / at["natural_frequency"])
 
@@ -130,7 +130,7 @@ class Valve(TransferFamily[ValveOptions]):
                 out |= _poles(a, b)
         return out
 
-    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+    def alternative_starts(self, values: Values, step: float) -> list[dict[str, float]]:
         """Aliases of an oscillation, everything faster for a fast valve, other zeros.
 
         Poles ``-a +- jb`` and ``-a +- j(2 pi k / step +- b)`` decay and swing alike at the
