@@ -271,10 +271,11 @@ def test_a_motor_that_never_saturates_is_fitted_without(tmp_path: Path, seed: in
     assert number(result, "gain") == pytest.approx(100.0, rel=0.03)
 
 
-def test_a_saturation_that_the_log_can_hardly_tell_is_said_to_be_possible() -> None:
-    """It would move a parameter by 2.6 standard errors; without it the curvature is 4.9 off."""
+@pytest.mark.parametrize("seed", [57721566, 29112901])
+def test_a_saturation_that_the_log_does_not_rule_out_is_said_to_be_possible(seed: int) -> None:
+    """Without it the curvature is 4.9 and 6 standard errors off, however little it explains."""
     lagging = find_attack(motor_attacks, "at the edge of the search", "half the log")
-    found = run_attack(lagging, 0, 57721566)
+    found = run_attack(lagging, 0, seed)
     assert not found.silent
     assert "saturation-undecided" in found.codes
 

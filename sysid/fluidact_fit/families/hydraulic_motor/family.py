@@ -307,9 +307,7 @@ def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]
             "saturation_command. Raise the command until the speed grows no more, if it is needed.",
         )
     moved = ", ".join(
-        f"{n} {bend[n]:.3g} instead of {values[n]:.3g}"
-        for n in ("gain", "curvature", "dead_zone", *EDGES)
-        if n in bend
+        f"{n} {x:.3g} instead of {values[n]:.3g}" for n, x in bend.items() if n != SATURATION
     )
     return Notice(
         "saturation-undecided",

@@ -35,8 +35,8 @@ STATIC = "static"
 SATURATION, OFFSET = "saturation_command", "command_offset"
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 _TRIFLE = 0.02  # of the motion in one direction: less of the other may be the zero of a sensor
-_POSSIBLE = 3.0  # variances by which residuals fall with a saturation that is not ruled out
-_MATTERS = 5.0  # that rise times the standard errors by which it would move a parameter
+_EXCLUDED = 4.0  # variances by which residuals rise with a saturation that is ruled out
+_MATTERS = 3.0  # standard errors by which one that is not would move a parameter
 _BEST = 3  # starts of a search
 _BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
 _MIDDLES = (0.0, -0.15, 0.15, -0.3, 0.3, -0.5, 0.5)  # shares of it, about their middle
@@ -279,8 +279,8 @@ def fit_motor(
 
     Returns
     -------
-    The fit, and values with a saturation that the logs neither show nor rule out, where it would
-    move others by a good part of their errors; empty where there is none.
+    The fit, and a saturation that the logs neither show nor rule out, with what it would move far;
+    empty where there is none.
     """
     found = fit_saturated(task, fit_response)
     if found is not None:
@@ -288,18 +288,25 @@ def fit_motor(
     found = fit_response(without_saturation(task))
     if SATURATION in task.request.start:
         return found, {}
-    bend, rise = _find_bend(task, found)
+    bends, fitted = _find_bends(task, found), found.fitted
+    rise, best = max(bends, key=lambda b: b[0])
     if rise > DECISIVE:
-        start = {n: bend[n] for n in task.plan.names}
+        start = {n: best[n] for n in task.plan.names}
         again = fit_saturated(
             replace(task, request=replace(task.request, start=start)), fit_response
         )
         if again is not None:
             return again, {}
-    f = found.fitted
-    moved = max((abs(bend[n] - f.values[n]) / f.std_error(n) for n in f.names), default=0.0)
-    # the more it moves, the less has to speak for it
-    return found, bend if rise > _POSSIBLE and rise * moved > _MATTERS else {}
+
+    def errors(values: Values) -> dict[str, float]:
+        return {n: abs(values[n] - fitted.values[n]) / fitted.std_error(n) for n in fitted.names}
+
+    possible = [values for rise, values in bends if rise > -_EXCLUDED]
+    bend = max(possible, key=lambda values: max(errors(values).values(), default=0.0))
+    moved = {n: bend[n] for n, by in errors(bend).items() if by >= 1.0}
+    if max(errors(bend).values(), default=0.0) < _MATTERS:
+        return found, {}
+    return found, {SATURATION: bend[SATURATION], **moved}
 
 
 def _is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
@@ -312,22 +319,23 @@ def _is_reached(experiments: Sequence[Experiment], solved: Solved) -> bool:
     return values[SATURATION] + 2.0 * solved.std_error(SATURATION) < top
 
 
-def _find_bend(
+def _find_bends(
     task: ResponseTask[MotorOptions], without: Response[MotorOptions]
-) -> tuple[dict[str, float], float]:
-    """Best of some saturations, and how much the residuals fall with it, in variances."""
+) -> list[tuple[float, dict[str, float]]]:
+    """By how many variances the residuals fall with some saturations, and the values then.
+
+    The first is none at all.
+    """
     fitted = without.fitted
     top = highest_command(task.experiments, fitted.values.get(OFFSET, 0.0))
     model = replace(task.named(task.experiments, without.begin), weights=without.weights)
     refused = {n: fitted.values[n] for n in fitted.refused}
-    found, best = dict(fitted.values), fitted.solution.cost
+    rows, out = sum(y.size for y in model.measured), [(0.0, dict(fitted.values))]
     for share in _BENDS:
         held = {**task.held, **refused, SATURATION: share * top}
         problem = bind(model, task.unknowns, held)
-        solution = solve(problem, problem.vector(fitted.values))
-        if solution.cost < best:
-            best = solution.cost
-            values = problem.named((*solution.eta, *solution.linear))
-            found = {**fitted.values, **held, **values}
-    rows = sum(y.size for y in model.measured)
-    return found, rows * (fitted.solution.cost / best - 1.0)
+        found = solve(problem, problem.vector(fitted.values))
+        values = problem.named((*found.eta, *found.linear))
+        rise = rows * (fitted.solution.cost / found.cost - 1.0)
+        out.append((rise, {**fitted.values, **held, **values}))
+    return out
