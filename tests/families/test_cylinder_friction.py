@@ -394,6 +394,7 @@ def test_constant_force_is_found_as_an_offset_only_where_it_must_be() -> None:
         fit([record([0.1, 0.2])], offset="free")
     forced = fit([record(TWO_SPEEDS, offset=1.0)], offset="free")
     assert forced.derived["force_offset"].value == pytest.approx(2.0, abs=0.1)
+    assert not any("would be negative" in n.message for n in forced.notices)  # neither level is
     # the offset belongs to the log: another one gets its own
     other = record(TWO_SPEEDS, offset=-12.0, seed=5)
     found = simulate(e, other)

@@ -34,12 +34,12 @@ def _explain_levels(fit: FrictionFit) -> Iterator[Notice]:
     if fit.options.force_offset:
         size = f"{derived[fit.offset].number:.4g} {fit.axis.force_unit}"
         lead = (
-            f"the {drive} has an offset of {size} ({'another chamber, ' * linear}gravity, a "
-            "preload or the sensor's zero), so a level about zero would be negative. "
+            f"the {drive} has an offset ({'another chamber, ' * linear}gravity, a preload or the "
+            "sensor's zero), without which a level would be negative. "
         )
         yield Notice(
             "force-offset",
-            f"{lead * (choice != 'estimate')}The levels are taken as equal about the offset of "
+            f"{lead * (choice == 'auto')}The levels are taken as equal about an offset of "
             f"{size}: only their mean is measured, and a difference between them cannot be "
             f"separated from the offset. Remove the offset (zero the {sensor} unloaded"
             + ", or subtract the other chamber's pressure" * linear
