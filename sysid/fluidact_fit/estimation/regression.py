@@ -169,6 +169,8 @@ class Regression:
         Whether instruments were needed.
     speed
         Stribeck speed about which the balance was made linear [m/s or rad/s].
+    estimator
+        What solved it.
     """
 
     free: Solved
@@ -179,6 +181,7 @@ class Regression:
     uncertainty: Uncertainty
     instrumented: bool
     speed: float
+    estimator: Estimator
 
     def spikes(self, least: float = 0.0, aside: Sequence[BoolArray] = ()) -> int:
         """Number of samples without weight, further off than ``least`` and not in ``aside``."""
@@ -257,7 +260,7 @@ class Estimator:
             residuals = [self._table(b)[1] for b in self.model.balances(Rise())]
             nothing = Uncertainty(np.zeros((0, 0)), 1, 0.0, 0)
             free = Solved(self.held, (), nothing.covariance, 1)
-            return Regression(free, self.held, residuals, 0.0, np.inf, nothing, False, 0.0)
+            return Regression(free, self.held, residuals, 0.0, np.inf, nothing, False, 0.0, self)
         if "stribeck_speed" not in self.names:
             return self._about(Rise(*(self.held.get(n, 0.0) for n in STRIBECK)))
         rise = Rise(*self.search().rise[1:])
@@ -348,7 +351,7 @@ class Estimator:
         cuts = np.cumsum([b.target.size for b in runs])[:-1]
         return Regression(
             solved, within, np.split(y - a @ x, cuts), best.scale, best.limit, found,
-            instrumented, rise.speed,
+            instrumented, rise.speed, self,
         )  # fmt: skip
 
     def _noise_products(self, runs: Sequence[Balance], weight: FloatArray) -> FloatArray:

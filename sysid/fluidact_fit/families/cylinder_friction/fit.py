@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_form
-from ...estimation.regression import Estimator, Regression, RegressionModel, shared_limits
+from ...estimation.regression import Estimator, Regression, shared_limits
 from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
-from ...family import ParameterSpec, Quantity, Request, Variant
+from ...family import Quantity, Request, Variant
 from ...mechanics.friction_law import mean_and_offset
 from .axis import LINEAR, Axis
-from .options import ONE_SIDED, SIDES, FrictionOptions
+from .options import SIDES, FrictionOptions
 from .samples import (
     LEVELS,
     FrictionData,
@@ -105,84 +104,58 @@ def fit_friction(
     UsageError, NotIdentifiedError
         Where nothing is left to estimate, or an offset that was asked for cannot be.
     """
-    options, fixed, moved = request.options, request.fixed, sides_moved(data)
+    options, fixed = request.options, request.fixed
     check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
-    solver = _Solver.of(variant, data, request, _speed_ranges(data, moved))
+    solver = _Solver(variant, data, request)
     if not solver.offset_asked and not fixed:
-        _check_signs(data, moved)
-    refusals = solver.refuse_beforehand(moved)
-    end = determine(solver.solve, solver.undetermined, solver.specs, fixed=fixed, refusals=refusals)
+        _check_signs(data)
+    end = determine(
+        solver.solve, solver.undetermined, solver.specs, fixed=fixed, refusals=solver.unseen()
+    )
     found, unknowns = end.solution, end.solution.free.names
-    options = replace(options, force_offset=_MEAN in unknowns)
     written = [n for n in solver.specs if n in LEVELS or n in found.values]
     source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
-    held = {n: v for n, v in found.free.values.items() if n not in unknowns}
-    notices = [*end.notices, *Estimator(solver.model, unknowns, held).other_shape()]
-    return FrictionFit(data, options, found, solved.renamed(source), solver.ranges, notices)
+    return FrictionFit(
+        data, replace(options, force_offset=_MEAN in unknowns), found, solved.renamed(source),
+        solver.ranges, [*end.notices, *found.estimator.other_shape()],
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
 class _Solver:
     """Regression of the friction of some runs, as often as parameters are refused.
 
-    Attributes
+    Parameters
     ----------
-    data, model
-        Runs, and the balance of their forces.
-    options, fixed
-        Request of the user.
-    ranges
-        Slowest and fastest speed by direction [m/s or rad/s].
-    specs, limits
-        Parameters, and lowest and highest value [SI], by name.
-    rising
-        Stribeck parameters that are estimated.
+    variant, data, request
+        Roles and parameters, the runs, and what the user asked for.
     """
 
-    data: Sequence[FrictionData]
-    model: RegressionModel
-    options: FrictionOptions
-    fixed: Mapping[str, float]
-    ranges: Ranges
-    specs: Mapping[str, ParameterSpec]
-    limits: Mapping[str, tuple[float, float]]
-    rising: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls, variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions],
-        ranges: Ranges,
-    ) -> Self:  # fmt: skip
-        """Make the solver of a request."""
-        specs = {p.name: p for p in variant.parameters}
-        limits = {n: request.bounds.get(n, (p.minimum, p.maximum)) for n, p in specs.items()}
-        rising = free_names(request.options.stribeck == "estimate", request.fixed)
-        return cls(
-            data, friction_model(data), request.options, request.fixed, ranges, specs, limits,
-            rising,
-        )  # fmt: skip
-
-    @property
-    def axis(self) -> Axis:
-        """Drive and moving part."""
-        return self.data[0].axis
+    def __init__(
+        self, variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions]
+    ) -> None:
+        self.data, self.options, self.fixed = data, request.options, request.fixed
+        self.axis, self.model, self.ranges = data[0].axis, friction_model(data), _speed_ranges(data)
+        self.specs = {p.name: p for p in variant.parameters}
+        ranges = {n: (p.minimum, p.maximum) for n, p in self.specs.items()}
+        self.limits = {**ranges, **request.bounds}
+        self.rising = free_names(self.options.stribeck == "estimate", self.fixed)
 
     @property
     def offset_asked(self) -> bool:
         """Return whether an offset of the drive has to be estimated."""
         return self.options.offset == "free" or self.options.force_offset is True
 
-    def refuse_beforehand(self, moved: Sequence[str]) -> list[Refusal]:
+    def unseen(self) -> list[Refusal]:
         """Refuse parameters of directions without motion, and viscous friction at one speed."""
-        options, ranges, axis = self.options, self.ranges, self.axis
-        out = [r for s in SIDES if s not in moved for r in _refuse_side(s, options, ranges, axis)]
+        moved, rates = sides_moved(self.data), self.options.rates
+        out = [r for s in SIDES if s not in moved for r in self._refuse_side(s)]
         known = {*self.fixed, *(r.parameter for r in out)}
-        alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges))]
-        out += [_too_alike(n, ranges, axis) for n in alike]
-        if alike and _one_speed(ranges):
-            out += [Refusal(n, f"{_describe_speeds(ranges, axis)}.") for n in self.rising]
+        alike = [n for n in rates if n not in known and _one_speed(self._of(n))]
+        out += [self._too_alike(n) for n in alike]
+        if alike and _one_speed(self.ranges):
+            out += [Refusal(n, f"{self._describe(self.ranges)}.") for n in self.rising]
         return out
 
     def solve(self, held: Mapping[str, float]) -> Regression:
@@ -219,15 +192,72 @@ class _Solver:
         return Estimator(self.model, names, held, limits).solve()
 
     def undetermined(self, found: Regression) -> list[Refusal]:
-        """Refuse what a solution leaves undetermined."""
-        return undetermined(
+        """Refuse what a solution leaves undetermined.
+
+        A viscous coefficient is refused if half of all friction is in doubt by it: by the
+        half-width of its interval times the range of speeds.
+        """
+        rise = undetermined(
             found.free,
             self.model.speed,
             # where the search ended: a step of a rise that is not determined may go anywhere
             lambda held: self.solve({**held, "stribeck_speed": found.speed}).free,
             (self.axis.force_unit, self.axis.speed_unit),
             deadband=self.options.deadband or 0.0,
-        ) or _undetermined(found.free, self.specs, self.data, self.ranges)
+        )
+        if rise:
+            return rise
+        rates = {n: self.specs[n] for n in self.options.rates if n in found.free.names}
+        spans = {n: max(high - low for low, high in self._of(n).values()) for n in rates}
+        widths = {n: 0.5 * half_range(self.data) / max(s, 1e-300) for n, s in spans.items()}
+        return [
+            self._too_alike(r.parameter, f"{r.reason} Noise hides it: ")
+            for r in find_uninformative(found.free, rates, widths)
+        ]
+
+    def _of(self, name: str) -> Ranges:
+        """Speed ranges of the directions that a viscous coefficient acts in."""
+        return {s: r for s, r in self.ranges.items() if name in ("viscous", f"viscous_{s}")}
+
+    def _refuse_side(self, side: str) -> list[Refusal]:
+        """Refuse the parameters of a direction without motion."""
+        other = next(s for s in SIDES if s != side)
+        nothing = f"nothing moves in the {side} direction."
+        remedy = f"Record at least one stroke in the {side} direction, at steady speed"
+        if other in self.ranges:
+            low, high = self.ranges[other]
+            unit = self.axis.speed_unit
+            remedy += f": at {low:.3g} to {high:.3g} {unit}, as in the {other} direction"
+        level = Refusal(
+            f"coulomb_{side}",
+            f"{nothing} An offset of the drive, if there is one, counts as friction of the {other} "
+            "direction until it does.",
+            remedy=f"{remedy}.",
+        )
+        return [level, *(Refusal(n, nothing) for n in self.options.rates if n.endswith(side))]
+
+    def _too_alike(self, name: str, doubt: str = "") -> Refusal:
+        """Refuse viscous friction that the speeds there are cannot tell from the levels."""
+        own, unit, side = self._of(name), self.axis.speed_unit, name.partition("_")[2]
+        levels = f"level of the {side} direction includes" if side else "levels include"
+        wanted = " or ".join(
+            f"at {SECOND_SPEED * high:.2g} {unit} or faster, or {low / SECOND_SPEED:.2g} {unit} or "
+            f"slower, in the {s} direction"
+            for s, (low, high) in own.items()
+        )
+        return Refusal(
+            name,
+            f"{doubt}{self._describe(own)}. The Coulomb {levels} all friction at that speed.",
+            remedy=f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: "
+            f"{wanted}.",
+        )
+
+    def _describe(self, ranges: Ranges) -> str:
+        """Say which speeds the logs have."""
+        unit = self.axis.speed_unit
+        parts = [f"{low:.3g} and {high:.3g} {unit} ({s} direction)"
+                 for s, (low, high) in ranges.items()]  # fmt: skip
+        return "all strokes (ends excluded) run between " + " and between ".join(parts)
 
 
 def _one_log_has_offset(data: Sequence[FrictionData]) -> bool:
@@ -242,18 +272,13 @@ def levels_impossible(found: Regression) -> bool:
     return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
 
 
-def _of(name: str, ranges: Ranges) -> Ranges:
-    """Speed ranges of the directions that a viscous coefficient acts in; empty without motion."""
-    return {s: r for s, r in ranges.items() if name in ("viscous", f"viscous_{s}")}
-
-
-def _check_signs(data: Sequence[FrictionData], moved: Sequence[str]) -> None:
+def _check_signs(data: Sequence[FrictionData]) -> None:
     """Reject forces that act along the motion, as friction never does.
 
     The mean force of the strokes, half the difference of the two directions, would then be
     negative beyond doubt.
     """
-    names = [f"coulomb_{s}" for s in moved]
+    names = [f"coulomb_{s}" for s in sides_moved(data)]
     found = Estimator(friction_model(data), names).solve().free
     mean = sum(found.values.values()) / len(names)
     error = float(np.sqrt(max(float(found.covariance.sum()), 0.0))) / len(names)
@@ -286,68 +311,13 @@ def _check_signs(data: Sequence[FrictionData], moved: Sequence[str]) -> None:
     )
 
 
-def _refuse_side(side: str, options: FrictionOptions, ranges: Ranges, axis: Axis) -> list[Refusal]:
-    """Refuse the parameters of a direction without motion."""
-    other = next(s for s in SIDES if s != side)
-    nothing = f"nothing moves in the {side} direction."
-    remedy = f"Record at least one stroke in the {side} direction, at steady speed"
-    if other in ranges:
-        low, high = ranges[other]
-        remedy += f": at {low:.3g} to {high:.3g} {axis.speed_unit}, as in the {other} direction"
-    level = Refusal(
-        f"coulomb_{side}",
-        f"{nothing} An offset of the drive, if there is one, counts as friction of the {other} "
-        "direction until it does.",
-        remedy=f"{remedy}.",
-    )
-    return [level, *(Refusal(n, nothing) for n in options.rates if n == f"viscous_{side}")]
-
-
-def _too_alike(name: str, ranges: Ranges, axis: Axis, doubt: str = "") -> Refusal:
-    """Refuse viscous friction that the speeds there are cannot tell from the levels."""
-    own, unit, side = _of(name, ranges), axis.speed_unit, name.partition("_")[2]
-    levels = f"level of the {side} direction includes" if side else "levels include"
-    wanted = " or ".join(
-        f"at {SECOND_SPEED * high:.2g} {unit} or faster, or {low / SECOND_SPEED:.2g} {unit} or "
-        f"slower, in the {s} direction"
-        for s, (low, high) in own.items()
-    )
-    return Refusal(
-        name,
-        f"{doubt}{_describe_speeds(own, axis)}. The Coulomb {levels} all friction at that speed.",
-        remedy=f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: {wanted}.",
-    )
-
-
-def _undetermined(
-    found: Solved,
-    specs: Mapping[str, ParameterSpec],
-    data: Sequence[FrictionData],
-    ranges: Ranges,
-) -> list[Refusal]:
-    """Refuse the most uncertain viscous coefficient, if half of all friction is in doubt by it.
-
-    The force in doubt is the half-width of the interval times the range of speeds.
-    """
-    max_half_widths = {}
-    for name in (n for n in ("viscous", *ONE_SIDED) if n in found.names):
-        span = max(high - low for low, high in _of(name, ranges).values())
-        max_half_widths[name] = 0.5 * half_range(data) / max(span, 1e-300)
-    return [
-        _too_alike(r.parameter, ranges, data[0].axis, f"{r.reason} Noise hides it: ")
-        for r in find_uninformative(found, {n: specs[n] for n in max_half_widths}, max_half_widths)
-    ]
-
-
-def _speed_ranges(
-    data: Sequence[FrictionData], moved: Sequence[str]
-) -> dict[str, tuple[float, float]]:
+def _speed_ranges(data: Sequence[FrictionData]) -> dict[str, tuple[float, float]]:
     """Slowest and fastest speed of whole strokes by direction, over all logs.
 
     Noise of the velocity, 2 x 1.282 standard deviations of it, is taken off the spread.
     """
     noise, out = max(d.motion.noise for d in data), {}
-    for s in moved:
+    for s in sides_moved(data):
         found = [_speeds(np.abs(v)) for d in data if (v := d.speed[d.side(s)]).size >= 5]
         if found:
             low, high = min(low for low, _ in found), max(high for _, high in found)
@@ -372,12 +342,3 @@ def _speeds(speed: FloatArray) -> tuple[float, float]:
 def _one_speed(ranges: Ranges) -> bool:
     """Return whether every direction has one speed only."""
     return all(high < SECOND_SPEED * low for low, high in ranges.values())
-
-
-def _describe_speeds(ranges: Ranges, axis: Axis) -> str:
-    """Say which speeds the logs have."""
-    parts = [
-        f"{low:.3g} and {high:.3g} {axis.speed_unit} ({s} direction)"
-        for s, (low, high) in ranges.items()
-    ]
-    return "all strokes (ends excluded) run between " + " and between ".join(parts)

@@ -70,16 +70,13 @@ def fit_cylinder(
     specs = {s.name: s for s in variant.parameters if not s.optional or s.name in (*low, *fixed)}
     model = spring_model(runs, GAINS[variant.name])
 
-    def estimator(held: Mapping[str, float]) -> Estimator:
+    def solve(held: Mapping[str, float]) -> Regression:
         free = [n for n in specs if n not in held]
         limits = dict(request.bounds)
         if options.levels == "equal" and not any(n in held for n in LEVELS):
             free = [EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
             limits[EQUAL] = shared_limits(limits, LEVELS)
-        return Estimator(model, free, held, limits, spike=options.spike or 0.0)
-
-    def solve(held: Mapping[str, float]) -> Regression:
-        return estimator(held).solve()
+        return Estimator(model, free, held, limits, spike=options.spike or 0.0).solve()
 
     def doubt(found: Regression) -> list[Refusal]:
         return undetermined(
@@ -93,8 +90,7 @@ def fit_cylinder(
     source = {n: EQUAL if EQUAL in found.free.names and n in LEVELS else n for n in specs}
     bounded = replace(found.free, values=found.values)
     solved = replace(bounded.renamed(source), fixed=fixed, refused=end.refused)
-    held = {n: v for n, v in found.free.values.items() if n not in found.free.names}
-    return SpringFit(found, solved, [*end.notices, *estimator(held).other_shape()])
+    return SpringFit(found, solved, [*end.notices, *found.estimator.other_shape()])
 
 
 def _out_of_reach(
