@@ -29,6 +29,15 @@ class Smoothed:
     inside: npt.NDArray[np.bool_]
 
 
+def polynomial_taps(half_width: int, degree: int) -> FloatArray:
+    """Weights of the coefficients of a polynomial fitted to ``2 half_width + 1`` samples.
+
+    Shape ``(degree + 1, 2 half_width + 1)``: value, slope, half the curvature, ... per sample.
+    """
+    offsets = np.arange(-half_width, half_width + 1)
+    return np.asarray(np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True)))
+
+
 def smooth(values: FloatArray, sample_time: float, half_width: int, degree: int = 2) -> Smoothed:
     """Fit a polynomial to ``2 half_width + 1`` samples around every sample.
 
@@ -49,9 +58,8 @@ def smooth(values: FloatArray, sample_time: float, half_width: int, degree: int 
     """
     half_width = max(1, min(half_width, (values.size - 1) // 2))
     degree = min(degree, 2 * half_width)
-    offsets = np.arange(-half_width, half_width + 1)
-    kernel = np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))
     padded = np.pad(values, half_width, mode="edge")
+    kernel = polynomial_taps(half_width, degree)
     rows = [np.convolve(padded, k[::-1], mode="valid") for k in kernel]
     inside = np.ones(values.size, dtype=bool)
     inside[:half_width] = False

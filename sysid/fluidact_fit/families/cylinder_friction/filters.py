@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...experiment import BoolArray, Experiment, FloatArray
-from ...signals import smooth
+from ...signals import polynomial_taps, smooth
 
 DEGREE = 2
 
@@ -72,19 +72,11 @@ def matched_kernel(half_width: int, order: int) -> FloatArray:
     velocity within the window, with two weights more than the value (``order`` 0) has. This is
     the same mean of a signal sampled at the same instants that moves as a cubic between them.
     """
-    offsets = np.arange(-half_width, half_width + 1)
-    degree = min(DEGREE, 2 * half_width)
-    taps = np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))[order]
+    taps = polynomial_taps(half_width, DEGREE)[order]
     if order == 0:
         return np.asarray(taps)
     share = -np.cumsum(taps)[:-1]  # of the velocity in the interval after each sample
     return np.convolve(share, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
-
-
-def slope_taps(half: int) -> FloatArray:
-    """Weights of the slope of a parabola over ``2 half + 1`` samples [1/sample]."""
-    offsets = np.arange(-half, half + 1.0)
-    return offsets / float(offsets @ offsets)
 
 
 def central_difference(values: FloatArray, time: FloatArray) -> FloatArray:

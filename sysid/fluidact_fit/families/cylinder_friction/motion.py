@@ -10,15 +10,16 @@ import numpy as np
 from ...errors import LogError, UsageError
 from ...estimation.noise import white_noise
 from ...experiment import BoolArray, Experiment, FloatArray
+from ...signals import polynomial_taps
 from .axis import is_place
 from .filters import (
+    DEGREE,
     central_difference,
     differentiate,
     fill,
     filtered,
     matched_kernel,
     sharpener,
-    slope_taps,
 )
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
@@ -136,7 +137,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
         sharp = sharpener(kernel)
         far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
         inside = far if far.any() else inside
-        taps = slope_taps(half) / experiment.sample_time
+        taps = polynomial_taps(half, DEGREE)[1] / experiment.sample_time
         quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, np.convolve(taps, sharp)))
         acceleration = central_difference(v, experiment.time)
         return FilteredMotion(
@@ -166,11 +167,11 @@ def quiet_acceleration(
     if motion.acceleration is None or not motion.reach:
         return motion.acceleration
     half, step = motion.half, experiment.sample_time
-    noise = motion.noise * step / float(np.linalg.norm(slope_taps(half)))
+    noise = motion.noise * step / float(np.linalg.norm(polynomial_taps(half, DEGREE)[1]))
     before, best = motion.acceleration, central_difference(motion.sharp, experiment.time)
     sharp = sharpener(motion.kernel)
     while 32 * half <= experiment.samples:
-        taps = np.convolve(slope_taps(half), np.array([-1, 8, 0, -8, 1]) / 12.0)
+        taps = np.convolve(polynomial_taps(half, DEGREE)[1], np.array([-1, 8, 0, -8, 1]) / 12.0)
         left = noise * float(np.linalg.norm(np.convolve(taps, sharp))) / step**2
         half *= 2
         _, rate, inside = differentiate(experiment, experiment[role], half)
@@ -211,23 +212,25 @@ def _flattens(before: FilteredMotion, now: FilteredMotion) -> bool:
 
 def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
     """Half-width for positions: quiet enough, and not too long for any of the strokes [s]."""
-    wanted = []
+    chosen = []
     for e in experiments:
-        chosen, before = _HALF_WIDTHS[0], None
+        tried: list[FilteredMotion] = []
         for half in _HALF_WIDTHS:
             motion = _filter(e, role, half * e.sample_time)
-            if before is not None and _flattens(before, motion):
+            if tried and _flattens(tried[-1], motion):
                 break
-            chosen, before = half, motion
+            tried.append(motion)
             if motion.noise <= _QUIET * motion.fast or 16 * half >= e.samples:
                 break
-        wanted.append(chosen * e.sample_time)
-    half_width = max(wanted)
-    for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
-        before = _filter(e, role, own)
-        while half_width > 1.5 * own and _flattens(before, _filter(e, role, half_width)):
-            half_width *= 0.5
-    return half_width
+        chosen.append(tried[-1])
+    widths = [m.half * e.sample_time for e, m in zip(experiments, chosen)]
+    longest = max(widths)
+    for e, m, own in zip(
+        experiments, chosen, widths
+    ):  # what a slow log needs may flatten a fast one
+        while longest > 1.5 * own and _flattens(m, _filter(e, role, longest)):
+            longest *= 0.5
+    return longest
 
 
 def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:

@@ -216,18 +216,17 @@ def _prepare(
     variant: Variant, e: Experiment, motion: FilteredMotion, options: FrictionOptions
 ) -> FrictionData:
     """Split the drive of a run; its sign is reversed where pressures move a measured load."""
-    sign = -1.0 if options.pressures == "drive" else 1.0
     first, second = (
         area * e.sampled(role) if area is not None and role in e else np.zeros(e.samples)
         for role, area in (("pressure", options.area), ("pressure_2", options.area_2))
     )
     output = variant.output.name
     if output == "pressure":
-        scale, drive, known = float(options.area or 1.0), first, second
+        scale, known = float(options.area or 1.0), second
     else:
-        scale, known = sign, sign * (first - second)
-        drive = sign * e.sampled(output) if output in e else known
-    rest = drive - known if output in e else np.zeros(e.samples)
+        scale = -1.0 if options.pressures == "drive" else 1.0
+        known = scale * (first - second)
+    rest = scale * e.sampled(output) - known if output in e else np.zeros(e.samples)
     acceleration = motion.acceleration
     inertia = np.zeros(e.samples)
     if options.moved and acceleration is not None:
