@@ -63,7 +63,7 @@ from ...family import (
 from ...mechanics.friction_law import FrictionLaw, mean_and_offset
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
-from .fit import SECOND_SPEED, fit_friction
+from .fit import SECOND_SPEED, FrictionFit
 from .notices import fit_details, fit_notices
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .samples import (
@@ -173,7 +173,7 @@ class CylinderFriction(Family[FrictionOptions]):
         kept.append(count_kept(data))
         data, options = leave_out_turns(data, options)
         kept.append(count_kept(data))
-        fit = fit_friction(variant, data, replace(request, options=options))
+        fit = FrictionFit(variant, data, replace(request, options=options))
         notices += [*fit.notices, *fit_notices(fit)]
         causes = ("slow_or_reversing", "accelerating", "turning")
         left_out = {cause: a - b for cause, a, b in zip(causes, kept, kept[1:])}

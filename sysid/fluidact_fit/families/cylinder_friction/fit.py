@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ...errors import LogError, Notice, NotIdentifiedError, UsageError
+from ...errors import LogError, NotIdentifiedError, UsageError
 from ...estimation.named_model import check_form
 from ...estimation.regression import Estimator, Regression, shared_limits
-from ...estimation.results import Refusal, Solved, determine, find_uninformative
+from ...estimation.results import Refusal, determine, find_uninformative
 from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity, Request, Variant
 from ...mechanics.friction_law import mean_and_offset
-from .axis import LINEAR, Axis
+from .axis import LINEAR
 from .options import SIDES, FrictionOptions
 from .samples import (
     LEVELS,
@@ -35,38 +35,61 @@ Ranges = Mapping[str, tuple[float, float]]  # slowest and fastest speed by direc
 _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an offset
 
 
-@dataclass(frozen=True)
 class FrictionFit:
-    """A finished fit.
+    """A fit of friction: refuses what is not determined, adds an offset where one is needed.
+
+    Parameters
+    ----------
+    variant, data, request
+        Roles and parameters, the runs, and what the user asked for.
 
     Attributes
     ----------
-    data, options
-        Runs as fitted, and options with everything settled.
+    options
+        With everything settled.
     found, solved
         Regression in its own unknowns, and the same by parameters and offsets.
     ranges
         Slowest and fastest speed by direction [m/s or rad/s].
     notices
         Warnings of refusals and of the shape of the law.
+
+    Raises
+    ------
+    LogError
+        Where the forces cannot be those of friction.
+    UsageError, NotIdentifiedError
+        Where nothing is left to estimate, or an offset that was asked for cannot be.
     """
 
-    data: Sequence[FrictionData]
-    options: FrictionOptions
-    found: Regression
-    solved: Solved
-    ranges: Ranges
-    notices: list[Notice]
-
-    @property
-    def axis(self) -> Axis:
-        """Drive and moving part."""
-        return self.data[0].axis
-
-    @property
-    def offset(self) -> str:
-        """Name of the offset of the drive among the derived numbers."""
-        return f"{self.axis.drive}_offset"
+    def __init__(
+        self, variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions]
+    ) -> None:
+        options, fixed, axis = request.options, request.fixed, data[0].axis
+        given = {**fixed, **request.bounds}
+        check_form(given, "viscous", options.rates, "viscous", options.viscous)
+        self.data, self.options, self.fixed, self.axis = data, options, fixed, axis
+        self.offset = f"{axis.drive}_offset"  # its name among the derived numbers
+        self.model, self.ranges = friction_model(data), _speed_ranges(data)
+        self.specs = {p.name: p for p in variant.parameters}
+        ranges = {n: (p.minimum, p.maximum) for n, p in self.specs.items()}
+        self.limits = {**ranges, **request.bounds}
+        self.rising = free_names(options.stribeck == "estimate", fixed)
+        if not self._offset_asked and not fixed:
+            _check_signs(data)
+        end = determine(
+            self._fit, self._undetermined, self.specs, fixed=fixed, refusals=self._unseen()
+        )
+        self.found, unknowns = end.solution, end.solution.free.names
+        written = [n for n in self.specs if n in LEVELS or n in self.found.values]
+        source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
+        source |= {n: n for n in unknowns if n.startswith("offset")}
+        solved = replace(
+            self.found.free, values=self.found.values, fixed=fixed, refused=end.refused
+        )
+        self.solved = solved.renamed(source)
+        self.options = replace(options, force_offset=_MEAN in unknowns)
+        self.notices = [*end.notices, *self.found.estimator.other_shape()]
 
     @property
     def covered(self) -> dict[str, tuple[float, float, str]]:
@@ -91,63 +114,12 @@ class FrictionFit:
         units = dict.fromkeys(names, self.axis.force_unit)
         return self.solved.derive(units, function)
 
-
-def fit_friction(
-    variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions]
-) -> FrictionFit:
-    """Fit, refuse what is not determined, and add an offset where one is needed.
-
-    Raises
-    ------
-    LogError
-        Where the forces cannot be those of friction.
-    UsageError, NotIdentifiedError
-        Where nothing is left to estimate, or an offset that was asked for cannot be.
-    """
-    options, fixed = request.options, request.fixed
-    check_form({**fixed, **request.bounds}, "viscous", options.rates, "viscous", options.viscous)
-    solver = _Solver(variant, data, request)
-    if not solver.offset_asked and not fixed:
-        _check_signs(data)
-    end = determine(
-        solver.solve, solver.undetermined, solver.specs, fixed=fixed, refusals=solver.unseen()
-    )
-    found, unknowns = end.solution, end.solution.free.names
-    written = [n for n in solver.specs if n in LEVELS or n in found.values]
-    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
-    source |= {n: n for n in unknowns if n.startswith("offset")}
-    solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
-    return FrictionFit(
-        data, replace(options, force_offset=_MEAN in unknowns), found, solved.renamed(source),
-        solver.ranges, [*end.notices, *found.estimator.other_shape()],
-    )  # fmt: skip
-
-
-class _Solver:
-    """Regression of the friction of some runs, as often as parameters are refused.
-
-    Parameters
-    ----------
-    variant, data, request
-        Roles and parameters, the runs, and what the user asked for.
-    """
-
-    def __init__(
-        self, variant: Variant, data: Sequence[FrictionData], request: Request[FrictionOptions]
-    ) -> None:
-        self.data, self.options, self.fixed = data, request.options, request.fixed
-        self.axis, self.model, self.ranges = data[0].axis, friction_model(data), _speed_ranges(data)
-        self.specs = {p.name: p for p in variant.parameters}
-        ranges = {n: (p.minimum, p.maximum) for n, p in self.specs.items()}
-        self.limits = {**ranges, **request.bounds}
-        self.rising = free_names(self.options.stribeck == "estimate", self.fixed)
-
     @property
-    def offset_asked(self) -> bool:
+    def _offset_asked(self) -> bool:
         """Return whether an offset of the drive has to be estimated."""
         return self.options.offset == "free" or self.options.force_offset is True
 
-    def unseen(self) -> list[Refusal]:
+    def _unseen(self) -> list[Refusal]:
         """Refuse parameters of directions without motion, and viscous friction at one speed."""
         moved, rates = sides_moved(self.data), self.options.rates
         out = [r for s in SIDES if s not in moved for r in self._refuse_side(s)]
@@ -158,9 +130,9 @@ class _Solver:
             out += [Refusal(n, f"{self._describe(self.ranges)}.") for n in self.rising]
         return out
 
-    def solve(self, held: Mapping[str, float]) -> Regression:
+    def _fit(self, held: Mapping[str, float]) -> Regression:
         """Solve, with an offset where it is asked for or a level would be negative."""
-        options, asked = self.options, self.offset_asked
+        options, asked = self.options, self._offset_asked
         possible = not any(n in held for n in LEVELS) and options.offset != "none"
         if asked and not possible:
             kind = NotIdentifiedError if options.is_settled else UsageError
@@ -191,7 +163,7 @@ class _Solver:
             )
         return Estimator(self.model, names, held, limits).solve()
 
-    def undetermined(self, found: Regression) -> list[Refusal]:
+    def _undetermined(self, found: Regression) -> list[Refusal]:
         """Refuse what a solution leaves undetermined.
 
         A viscous coefficient is refused if half of all friction is in doubt by it: by the
@@ -201,7 +173,7 @@ class _Solver:
             found.free,
             self.model.speed,
             # where the search ended: a step of a rise that is not determined may go anywhere
-            lambda held: self.solve({**held, "stribeck_speed": found.speed}).free,
+            lambda held: self._fit({**held, "stribeck_speed": found.speed}).free,
             (self.axis.force_unit, self.axis.speed_unit),
             deadband=self.options.deadband or 0.0,
         )
