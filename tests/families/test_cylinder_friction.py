@@ -189,7 +189,7 @@ def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:
 
 @pytest.mark.parametrize(("colour", "filtered"), [(0.0, None), (0.9, None), (0.0, 0.04)])
 def test_fast_strokes_from_position_are_not_flattened(colour: float, filtered: float) -> None:
-    runs = 40
+    runs = 100  # 40 were within 0.003 of the limit; 400 further ones gave means below 0.1
     off: dict[str, list[float]] = {n: [] for n in HAND}
     for seed in range(runs):
         e = fit([by_hand(seed, colour)], mass=0.14, filter=filtered)
@@ -359,6 +359,20 @@ def test_unknown_mass_takes_nothing_from_a_steady_log() -> None:
     assert e.details["left_out"]["accelerating"] == 0
     for name, true in TRUTH.items():
         assert number(e, name) == pytest.approx(true, rel=0.03)
+
+
+def test_ten_micrometres_on_a_heavy_mass_are_no_outliers(tmp_path: Path) -> None:
+    """Inertia was taken off as the filter of the motion flattens it: 8 of 10 were warned of."""
+    for k in range(3):
+        rng = np.random.default_rng([91, k])
+        (log,) = cylinder_friction.record(
+            rng, motions=(cylinder_friction.STROKES,), mass=14.5, role="position"
+        )
+        found = ff.fit("cylinder-friction", write(tmp_path / "log.csv", log, UNITS), mass=14.5)
+        assert found.verdict == "pass", found.notices
+        for name, true in HAND.items():
+            q = found.parameters[name]
+            assert abs(q.number - true) < 4.0 * float(q.std_error)  # type: ignore[arg-type]
 
 
 def test_unknown_mass_leaves_the_ramps_out() -> None:

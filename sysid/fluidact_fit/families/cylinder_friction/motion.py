@@ -153,9 +153,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
     return FilteredMotion(others, y, smoothed, inside, quiet, noise, acceleration, half)
 
 
-def quiet_acceleration(
-    experiment: Experiment, motion: FilteredMotion, role: str
-) -> FloatArray | None:
+def quiet_acceleration(experiment: Experiment, motion: FilteredMotion, role: str) -> FloatArray:
     """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
     The filter of a position is made longer as long as what this changes is noise, and taken one
@@ -164,11 +162,11 @@ def quiet_acceleration(
     .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
        Probability and its Applications 35, 1990.
     """
-    if motion.acceleration is None or not motion.reach:
-        return motion.acceleration
+    if not motion.reach:
+        return np.asarray(motion.acceleration)
     half, step = motion.half, experiment.sample_time
     noise = motion.noise * step / float(np.linalg.norm(polynomial_taps(half, DEGREE)[1]))
-    before, best = motion.acceleration, central_difference(motion.sharp, experiment.time)
+    before = best = central_difference(motion.sharp, experiment.time)
     sharp = sharpener(motion.kernel)
     while 32 * half <= experiment.samples:
         taps = np.convolve(polynomial_taps(half, DEGREE)[1], np.array([-1, 8, 0, -8, 1]) / 12.0)

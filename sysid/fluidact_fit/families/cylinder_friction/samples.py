@@ -227,21 +227,15 @@ def _prepare(
         scale = -1.0 if options.pressures == "drive" else 1.0
         known = scale * (first - second)
     rest = scale * e.sampled(output) - known if output in e else np.zeros(e.samples)
-    acceleration = motion.acceleration
     inertia = np.zeros(e.samples)
-    if options.moved and acceleration is not None:
-        acceleration = quiet_acceleration(e, motion, motion_role(variant))
-        inertia = options.moved * np.asarray(acceleration)
-    if acceleration is motion.acceleration:  # filtered as the regressor is
-        matched = match_force(e, motion, rest) - inertia
-    else:
-        matched = match_force(e, motion, rest - inertia)
+    if options.moved and motion.acceleration is not None:
+        inertia = options.moved * quiet_acceleration(e, motion, motion_role(variant))
+    rest = rest - inertia
     slow = 0.0 if motion.exact else options.deadband or 0.0
     moving = np.abs(motion.velocity) > slow
     kept = _moving(motion, slow) & described(motion, options)
-    return FrictionData(
-        e, variant, motion, known + inertia, rest - inertia, matched, moving, kept, scale
-    )
+    matched = match_force(e, motion, rest)
+    return FrictionData(e, variant, motion, known + inertia, rest, matched, moving, kept, scale)
 
 
 def described(motion: FilteredMotion, options: FrictionOptions) -> BoolArray:
