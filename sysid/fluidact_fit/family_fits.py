@@ -700,7 +700,7 @@ def fit_cylinder_friction(
         Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
         those of an iterator nothing is kept but what is used, which halves the memory of long ones.
     area
-        Piston area that the pressure acts on: a number not below 0 [m2].
+        Piston area that the pressure acts on: a number above 0 [m2].
     area_2
         Area that pressure_2 acts on: a number not below 0 [m2].
     pressures

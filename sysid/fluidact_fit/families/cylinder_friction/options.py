@@ -21,7 +21,7 @@ ONE_SIDED = ("viscous_positive", "viscous_negative")
 class FrictionOptions(FamilyOptions):
     """Options about the cylinder, and about the samples of a log that are described."""
 
-    area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
+    area: float | None = number(help="piston area that the pressure acts on", unit="m2", above=0)
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
     pressures: str = choice(
         "resist",
@@ -159,5 +159,3 @@ def _check_chambers(
             "side)" + ("." if driven else ", and --pressures=drive if it moves the piston against "
             "the measured force; or leave it out if it is all that moves the piston."),
         )  # fmt: skip
-    if driven and not options.area:
-        raise UsageError("--area is zero", remedy="Give the piston area in m2.")

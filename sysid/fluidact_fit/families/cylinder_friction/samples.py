@@ -21,8 +21,6 @@ from .options import ONE_SIDED, SIDES, FrictionOptions, check_options
 LEVELS = ("coulomb_positive", "coulomb_negative")
 MASS = "mass"  # an unknown mass, estimated only to see its share of the force
 _LINGER = 1.5  # multiple of the passage through zero that the slope predicts: longer is a rest
-_STEADY = 0.1  # relative variation of a steady speed
-_FEWEST_STEADY = 50  # samples that show a steady speed
 _SLOWEST = 0.1  # share of the moving samples that the slowest strokes have
 _SMALL = 0.05  # share of the friction from which inertia matters
 _CORNER = 4.0  # multiple of its usual size that a second difference has at a corner of the velocity
@@ -240,30 +238,17 @@ def _prepare(
 
 def described(motion: FilteredMotion, options: FrictionOptions) -> BoolArray:
     """Samples within the accelerations and turns that a fit has settled, shape ``(n,)``."""
-    v, acceleration = motion.velocity, motion.acceleration
-    near = np.ones(v.size, dtype=bool)
+    limit, within = options.acceleration_limit, np.ones(motion.velocity.size, dtype=bool)
     if options.turn_limit is not None:
-        near &= motion.turns <= options.turn_limit
-    limit = options.acceleration_limit
-    if limit is not None and acceleration is not None and not _is_steady(v):
-        near &= np.abs(acceleration) <= limit
-    return near
+        within &= motion.turns <= options.turn_limit
+    if limit is not None and motion.acceleration is not None:
+        within &= np.abs(motion.acceleration) <= limit
+    return within
 
 
 def narrow(data: Sequence[FrictionData], options: FrictionOptions) -> list[FrictionData]:
     """Keep the samples that the options describe."""
     return [replace(d, kept=d.kept & described(d.motion, options)) for d in data]
-
-
-def _is_steady(velocity: FloatArray) -> bool:
-    """Return whether a log was recorded at one speed, whose means over its tenths hardly differ.
-
-    Inertia takes nothing from its mean force: leaving out accelerations would leave out noise.
-    """
-    if velocity.size < _FEWEST_STEADY:
-        return False
-    means = np.array([part.mean() for part in np.array_split(velocity, 10)])
-    return bool(np.ptp(means) <= _STEADY * abs(means.mean()))
 
 
 def leave_out_accelerations(
@@ -332,10 +317,7 @@ def simulate_force(
     """
     data, options = prepare(plant.variant, experiments, plant.options)
     law = FrictionLaw.of(with_speed(plant.numbers, speeds(data)))
-    offsets: dict[int, float] = {}
-    if options.force_offset:
-        offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
-        offsets |= _find_offsets(data, law, offset is None)
+    offsets = _find_offsets(data, law, offset) if options.force_offset else {}
     out = []
     for d in data:
         own = offsets.get(d.experiment.log)
@@ -344,18 +326,20 @@ def simulate_force(
     return out
 
 
-def _find_offsets(data: Sequence[FrictionData], law: FrictionLaw, always: bool) -> dict[int, float]:
-    """Force offset of every log with motion [N]; see :func:`offset_groups`.
+def _find_offsets(
+    data: Sequence[FrictionData], law: FrictionLaw, known: float | None
+) -> dict[int, float]:
+    """Force offset of every log [N]; see :func:`offset_groups`.
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
-    as it is. Without both directions it is found if it has to be (``always``) only.
+    as it is. Without both directions it is the ``known`` one of the output, if there is one.
     """
-    out: dict[int, float] = {}
+    out = {d.experiment.log: (known or 0.0) * d.scale for d in data}
     for runs in offset_groups([d for d in data if d.variant.output.name in d.experiment]):
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
         sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
         means = [side.mean() for side in sides if side.size]
-        if means and (always or len(means) == len(SIDES)):
+        if means and (known is None or len(means) == len(SIDES)):
             out |= dict.fromkeys((d.experiment.log for d in runs), float(np.mean(means)))
     return out
 
