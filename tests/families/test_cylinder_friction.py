@@ -528,6 +528,21 @@ def test_static_data_without_time() -> None:
         assert number(e, name) == pytest.approx(true, abs=4.0 * e.parameters[name].std_error)  # type: ignore[operator]
 
 
+def test_six_logs_of_four_rows_at_six_speeds_identify_viscous() -> None:
+    """It was refused, for strokes that "run between ." nothing: no log had five rows."""
+    rng, logs = np.random.default_rng(0), []
+    for speed in (0.03, -0.03, 0.1, -0.1, 0.2, -0.2):
+        v = np.full(4, speed) + 1e-5 * rng.normal(size=4)
+        force = friction_force(v, TRUTH) + 0.02 * rng.normal(size=4)
+        logs.append(make_experiment(np.zeros(0), force=force, velocity=v))
+    e = fit(logs, offset="none")
+    assert codes(e) == []
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, abs=4.0 * e.parameters[name].std_error)  # type: ignore[operator]
+    low, high = e.details["speeds"]["positive"]
+    assert (low, high) == pytest.approx((0.03, 0.2), rel=0.01)
+
+
 def test_uneven_time_base_gives_the_same_friction() -> None:
     even = record(TWO_SPEEDS)
     rng = np.random.default_rng(1)

@@ -193,18 +193,15 @@ class FrictionFit:
 
     def _refuse_side(self, side: str) -> list[Refusal]:
         """Refuse the parameters of a direction without motion."""
-        other = next(s for s in SIDES if s != side)
+        (other,) = (s for s in SIDES if s != side)
         nothing = f"nothing moves in the {side} direction."
-        remedy = f"Record at least one stroke in the {side} direction, at steady speed"
-        if other in self.ranges:
-            low, high = self.ranges[other]
-            unit = self.axis.speed_unit
-            remedy += f": at {low:.3g} to {high:.3g} {unit}, as in the {other} direction"
+        low, high = self.ranges[other]
         level = Refusal(
             f"coulomb_{side}",
             f"{nothing} An offset of the drive, if there is one, counts as friction of the {other} "
             "direction until it does.",
-            remedy=f"{remedy}.",
+            remedy=f"Record at least one stroke in the {side} direction, at steady speed: at "
+            f"{low:.3g} to {high:.3g} {self.axis.speed_unit}, as in the {other} direction.",
         )
         return [level, *(Refusal(n, nothing) for n in self.options.rates if n.endswith(side))]
 
@@ -290,11 +287,12 @@ def _speed_ranges(data: Sequence[FrictionData]) -> dict[str, tuple[float, float]
     """
     noise, out = max(d.motion.noise for d in data), {}
     for s in sides_moved(data):
-        found = [_speeds(np.abs(v)) for d in data if (v := d.speed[d.side(s)]).size >= 5]
-        if found:
-            low, high = min(low for low, _ in found), max(high for _, high in found)
-            span = float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
-            out[s] = 0.5 * (low + high - span), 0.5 * (low + high + span)
+        runs = [np.abs(d.speed[d.side(s)]) for d in data]
+        # a few stray samples are no strokes, unless all logs are that short
+        lows, highs = zip(*map(_speeds, [v for v in runs if v.size >= 5] or [np.concatenate(runs)]))
+        low, high = min(lows), max(highs)
+        span = float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
+        out[s] = 0.5 * (low + high - span), 0.5 * (low + high + span)
     return out
 
 
