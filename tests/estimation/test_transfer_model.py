@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fluidact_fit.families.transfer.model import state_space
+from fluidact_fit.estimation.transfer_model import state_space
 
 
 @pytest.mark.parametrize(
