@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -62,6 +62,9 @@ class MapModel(Protocol):
         """Its derivatives by the unknowns, shape ``(n, p)``."""
 
 
+ModelT = TypeVar("ModelT", bound=MapModel)
+
+
 @dataclass(frozen=True)
 class MapRows:
     """Samples of a map: inputs ``(n, inputs)``, output ``(n,)`` and weights ``(n,)``.
@@ -77,22 +80,22 @@ class MapRows:
         """Return some of the rows."""
         return MapRows(self.x[index], self.y[index], self.count[index])
 
-    def residual(self, fit: MapFit) -> FloatArray:
+    def residual(self, fit: MapFit[Any]) -> FloatArray:
         """Residual of the rows, shape ``(n,)``."""
         return self.y - fit.model.value(fit.theta, self.x)
 
-    def slopes(self, fit: MapFit) -> FloatArray:
+    def slopes(self, fit: MapFit[Any]) -> FloatArray:
         """Derivatives of a fit by its unknowns that are not on a bound, shape ``(n, q)``."""
         every = fit.model.slopes(fit.theta, self.x)
         return every if fit.free.all() else every[:, fit.free]
 
-    def squares(self, fit: MapFit) -> float:
+    def squares(self, fit: MapFit[Any]) -> float:
         """Weighted sum of squared residuals."""
         return square_sum(self.residual(fit) * np.sqrt(self.count))
 
 
 @dataclass(frozen=True)
-class MapFit:
+class MapFit(Generic[ModelT]):
     """A fitted map.
 
     Attributes
@@ -111,7 +114,7 @@ class MapFit:
         Unknowns and cost of the other optima.
     """
 
-    model: MapModel
+    model: ModelT
     theta: FloatArray
     free: BoolArray
     cost: float
@@ -133,9 +136,9 @@ class _Point:
 
 
 def fit_map(
-    model: MapModel, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5,
+    model: ModelT, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5,
     *, apart: bool = False,
-) -> MapFit:  # fmt: skip
+) -> MapFit[ModelT]:  # fmt: skip
     """Fit a map by weighted least squares from several starts, and keep the best fit.
 
     With ``apart`` the linear unknowns are solved for at every step, and only the others are

@@ -127,7 +127,7 @@ class NamedFit:
 
     solved: Solved
     notices: list[Any]
-    fit: MapFit
+    fit: MapFit[NamedMap]
     data: NamedRows
     jacobian: FloatArray
     misfit: Misfit | None
@@ -199,13 +199,13 @@ def fit_named_map(
         low, high = request.bounds[name]
         ranges[name] = (max(low, ranges[name][0]), min(high, ranges[name][1]))
 
-    def solve(held: Mapping[str, float]) -> MapFit:
+    def solve(held: Mapping[str, float]) -> MapFit[NamedMap]:
         names = tuple(n for n in table if n not in held)
         model = NamedMap(law, names, held, ranges)
         begin = [{**s, **request.start} for s in starts(held)]
         return fit_map(model, data.rows, [np.array([s[n] for n in names]) for s in begin])
 
-    def needed(found: MapFit, refusal: Refusal, held: Mapping[str, float]) -> bool:
+    def needed(found: MapFit[NamedMap], refusal: Refusal, held: Mapping[str, float]) -> bool:
         simple = solve({**held, refusal.parameter: refusal.value(table[refusal.parameter])})
         extra = found.theta.size - simple.theta.size
         tail = excess_tail(simple.cost, found.cost, extra, data.y.size, found.theta.size)
@@ -245,13 +245,15 @@ def fit_named_map(
     return replace(last, solved=solved, notices=ended.notices)
 
 
-def _with_intervals(solved: Solved, found: MapFit, data: NamedRows, jacobian: FloatArray) -> Solved:
+def _with_intervals(
+    solved: Solved, found: MapFit[NamedMap], data: NamedRows, jacobian: FloatArray
+) -> Solved:
     """The values with intervals of the profiled cost: an edge between few points is no parabola.
 
     Where another optimum explains the rows as well, the errors reach there.
     """
     model = found.model
-    if data.y.size > PROFILED or not isinstance(model, NamedMap):
+    if data.y.size > PROFILED:
         return solved
     matrix = solved.covariance
     unit = information_units([jacobian], [data.rows.residual(found)], matrix)
@@ -274,7 +276,7 @@ def _with_intervals(solved: Solved, found: MapFit, data: NamedRows, jacobian: Fl
 
 
 def _rise(
-    model: NamedMap, found: MapFit, alike: Sequence[FloatArray], data: NamedRows,
+    model: NamedMap, found: MapFit[NamedMap], alike: Sequence[FloatArray], data: NamedRows,
     matrix: FloatArray, k: int, unit: float, x: float,
 ) -> float:  # fmt: skip
     """Root of the rise of the profiled cost with one value at ``x``, in standard deviations."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -70,8 +71,19 @@ class PotentiometerBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Position of a reading, and the reading at a position of a monotone curve."""
-        unit = self.validity["reading"].unit if "reading" in self.validity else "1"
-        return routines_of(self._calibration, unit, self.output.unit)
+        c, output, name = self._calibration, self.output.unit, called(self.output.unit)
+        reading = replace(self.argument("reading", "raw reading"), low=c.low, high=c.high)
+        draft = Draft(name, f"{name.capitalize()} of a reading.", output)
+        t = draft.let("place", _place(c, draft.argument(reading)))
+        share = _share(c, draft)
+        if share is None:
+            found = [draft.returns(_value(c, t, None))]
+        else:
+            found = [draft.returns(_value(c, t, draft.let("share", share)))]
+            found.append(_tracking(c, name, output, reading))
+        if c.monotone:
+            found.append(_inverse(c, name, output, reading.unit))
+        return found
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Positions of a recording; see :meth:`.Block.predict`."""
@@ -147,20 +159,21 @@ class PotentiometerBlock(Block):
 # ------------------------------------------------------------------- what a controller runs
 
 
-def _curve(t: Expression, points: FloatArray, weights: FloatArray, name: str) -> Expression:
-    """Position at the place ``t``: one rational Bezier curve by ascending powers."""
-    w = weights / weights.max()
-    above = power_coefficients(w * (points - points[0])).tolist()
-    below = power_coefficients(w).tolist()
-    ratio = polynomial(above, t, f"{name}_above") / polynomial(below, t, f"{name}_below")
-    return ratio + constant(f"{name}_first", points[0])
+def called(unit: str) -> str:
+    """Name of a quantity in a unit in a controller's code."""
+    return _CALLED.get(unit, "value")
 
 
 def _value(c: Calibration, t: Expression, share: Expression | None) -> Expression:
-    found = [_curve(t, p, w, name) for (p, w), name in zip(c.curves, _BRANCHES)]
-    if share is None:
-        return found[0]
-    return found[1] + share * (found[0] - found[1])
+    """Position at the place ``t``; of two branches by the share of the rising one."""
+    found = []
+    for (points, weights), name in zip(c.curves, _BRANCHES):
+        w = weights / weights.max()
+        above = power_coefficients(w * (points - points[0])).tolist()
+        below = power_coefficients(w).tolist()
+        ratio = polynomial(above, t, f"{name}_above") / polynomial(below, t, f"{name}_below")
+        found.append(ratio + constant(f"{name}_first", points[0]))
+    return found[0] if share is None else found[1] + share * (found[0] - found[1])
 
 
 def _place(c: Calibration, reading: Expression) -> Expression:
@@ -168,50 +181,32 @@ def _place(c: Calibration, reading: Expression) -> Expression:
     return (reading - constant("first", c.low)) * constant("per_span", 1.0 / (c.high - c.low))
 
 
-def called(unit: str) -> str:
-    """Name of a quantity in a unit in a controller's code."""
-    return _CALLED.get(unit, "value")
+def _share(c: Calibration, draft: Draft) -> Expression | None:
+    """Share of the rising branch by a direction that is given, ``None`` with one curve."""
+    if len(c.curves) == 1:
+        return None
+    return 0.5 + 0.5 * draft.argument(
+        Argument("direction", "1", "1 rising, -1 falling, 0 between", -1.0, 1.0)
+    )
 
 
-def _inverse(c: Calibration, unit: str, directions: Argument | None, output: str) -> Routine:
-    name = called(output)
+def _inverse(c: Calibration, name: str, output: str, unit: str) -> Routine:
+    """Reading at a position, where each has one."""
     article = "an" if name[0] in "aeiou" else "a"
     draft = Draft("reading_at", f"Reading at {article} {name}, by halving the range.", unit)
     ends = np.array([[p[0], p[-1]] for p, _ in c.curves])
     wanted = draft.argument(Argument(name, output, name, float(ends.min()), float(ends.max())))
-    share = None if directions is None else 0.5 + 0.5 * draft.argument(directions)
-    value = _value(c, Name("place"), share)
-    place = draft.solve(
-        Solve("place", 0.0, 1.0, (), value, wanted,
-              bool(ends[0, 1] >= ends[0, 0]), _HALVINGS)
-    )  # fmt: skip
+    value = _value(c, Name("place"), _share(c, draft))
+    rising = bool(ends[0, 1] >= ends[0, 0])
+    place = draft.solve(Solve("place", 0.0, 1.0, (), value, wanted, rising, _HALVINGS))
     return draft.returns(place * constant("span", c.high - c.low) + constant("first", c.low))
 
 
-def routines_of(c: Calibration, unit: str, output: str = "m") -> Sequence[Routine]:
-    """Return the routines; ``unit`` is that of the reading, ``output`` that of the reference."""
-    reading = Argument("reading", unit, "raw reading", c.low, c.high)
-    directions = None
-    if len(c.curves) > 1:
-        directions = Argument("direction", "1", "1 rising, -1 falling, 0 between", -1.0, 1.0)
-    name = called(output)
-    draft = Draft(name, f"{name.capitalize()} of a reading.", output)
-    t = draft.let("place", _place(c, draft.argument(reading)))
-    share = None
-    if directions is not None:
-        share = draft.let("share", 0.5 + 0.5 * draft.argument(directions))
-    found = [draft.returns(_value(c, t, share))]
-    if directions is not None:
-        found.append(_tracking(c, reading, output))
-    if c.monotone:
-        found.append(_inverse(c, unit, directions, output))
-    return found
-
-
-def _tracking(c: Calibration, reading: Argument, output: str) -> Routine:
+def _tracking(c: Calibration, name: str, output: str, reading: Argument) -> Routine:
     """Position where the direction is found from the readings themselves."""
-    about = f"{called(output).capitalize()} of the next reading; the direction is kept."
-    draft = Draft("step", about, output)
+    draft = Draft(
+        "step", f"{name.capitalize()} of the next reading; the direction is kept.", output
+    )
     x = draft.argument(reading)
     last, state, begun = draft.state("last"), draft.state("state"), draft.state("begun")
     moved = draft.let("moved", choose(begun, ">", 0.0, x - last, 0.0))

@@ -90,28 +90,35 @@ class Calibration:
         UsageError
             When lists that belong together differ in length.
         """
-        curves = tuple(
-            (
-                np.asarray(values[f"control_points{s}"], dtype=float),
-                np.asarray(values[f"weights{s}"], dtype=float),
-            )
-            for s in SECOND
-            if f"control_points{s}" in values
-        )
-        for s, (p, w) in zip(SECOND, curves):
+        curves = []
+        for s in SECOND:
+            if f"control_points{s}" not in values:
+                continue
+            p, w = (np.asarray(values[f"{name}{s}"], dtype=float) for name in _CURVE)
             if p.shape != w.shape or p.size < 2:
                 raise UsageError(
                     f"{p.size} control_points{s} and {w.size} weights{s}",
                     expected="As many weights as control points, two at least.",
                 )
+            curves.append((p, w))
         low, high = np.asarray(values["reading_range"], dtype=float)
         band = np.asarray(values.get("hysteresis_dead_band", 0.0), dtype=float)
-        return cls(curves, float(low), float(high), float(band))
+        return cls(tuple(curves), float(low), float(high), float(band))
 
     @property
     def monotone(self) -> bool:
         """Return whether no curve turns back."""
         return all(is_monotone(p, w) for p, w in self.curves)
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Stroke between the extreme readings and, of two branches, the width of the hysteresis."""
+        points = self.curves[0][0]
+        out = {"stroke": abs(float(points[-1] - points[0]))}
+        if len(self.curves) == 2:
+            rise, fall = (rational_bezier(np.linspace(0.0, 1.0, 1001), *c) for c in self.curves)
+            out["hysteresis"] = float(np.mean(np.abs(rise - fall)))
+        return out
 
     def place(self, reading: FloatArray) -> FloatArray:
         """Share of the range at which readings lie, 0 to 1; clamped."""

@@ -26,14 +26,14 @@ from ...experiment import (
 from .calibration import rising_share
 from .options import PotentiometerOptions
 
-FINE = 4096  # rows that searches work on
+FINE = 4096  # parts of the range whose samples are merged for searches
 _NEAR = 21  # distinct readings next to an extreme one that it is compared with
 _SURE = 0.995  # confidence that an extreme reading is off the course of its neighbours
 
 
 @dataclass(frozen=True)
 class CalibrationData:
-    """Samples of all logs, one after the other.
+    """Samples of all logs, one after the other; those that are fitted also scaled to order one.
 
     Attributes
     ----------
@@ -48,6 +48,8 @@ class CalibrationData:
         directions. A table may have been sorted.
     unit, output
         Unit of the reading, and reference of the first log.
+    dead_band
+        Change of the reading over which the branches change over; ``None`` for one curve.
     """
 
     reading: FloatArray
@@ -57,6 +59,7 @@ class CalibrationData:
     in_order: bool
     unit: str
     output: Signal
+    dead_band: float | None = None
 
     def kept(self, values: FloatArray) -> FloatArray:
         """Values at the used samples."""
@@ -72,6 +75,59 @@ class CalibrationData:
         """Share of the rising branch of the used samples; each log from its own start."""
         shares = [rising_share(self.reading[p], dead_band) for p in self.parts]
         return self.kept(joined(shares))
+
+    @cached_property
+    def readings(self) -> tuple[float, float]:
+        """Lowest reading that is used, and the range of all of them."""
+        return _lowest_and_range(self.kept(self.reading))
+
+    @cached_property
+    def positions(self) -> tuple[float, float]:
+        """Lowest reference that is used, and the range of all of them [SI]."""
+        return _lowest_and_range(self.kept(self.reference))
+
+    @cached_property
+    def rows(self) -> MapRows:
+        """Used samples by log: place and share of the rising branch, and position."""
+        (low, span), (base, stroke) = self.readings, self.positions
+        t, y = (self.kept(self.reading) - low) / span, (self.kept(self.reference) - base) / stroke
+        one = np.broadcast_to(1.0, t.shape)
+        share = one if self.dead_band is None else self.rising(self.dead_band)
+        return MapRows(np.column_stack((t, share)), y, one)
+
+    @cached_property
+    def few(self) -> MapRows:
+        """The rows of one narrow part of the range, in which any curve is straight, as their mean.
+
+        The readings of a converter are in parts of their own: the fit is exactly the same.
+        """
+        rows, (t, share) = self.rows, self.rows.x.T
+        if rows.y.size <= FINE:
+            return MapRows(np.asarray(rows.x), np.asarray(rows.y), np.asarray(rows.count))
+        key = (t * FINE).astype(np.int64) * 5 + np.round(share * 4.0).astype(np.int64)
+        sums = np.array([np.bincount(key, values) for values in (None, t, share, rows.y)])
+        count, *means = sums[:, sums[0] > 0.0]
+        t, share, y = (m / count for m in means)
+        return MapRows(np.column_stack((t, share)), y, count)
+
+    @cached_property
+    def edges(self) -> FloatArray | None:
+        """Edges between the positions at which readings were taken, ``None`` for a sweep."""
+        return position_edges(self.few.x[:, 0], self.rows.y.size)
+
+    @property
+    def places(self) -> int:
+        """Number of positions of readings; in a sweep that of distinct readings."""
+        return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
+
+    def words(self, scaled: float) -> str:
+        """A difference of positions in words."""
+        return self.output.text(scaled * self.positions[1])
+
+
+def _lowest_and_range(values: FloatArray) -> tuple[float, float]:
+    low = float(values.min())
+    return low, float(values.max()) - low
 
 
 def gather(experiments: Sequence[Experiment]) -> CalibrationData:
@@ -90,44 +146,56 @@ def gather(experiments: Sequence[Experiment]) -> CalibrationData:
     return CalibrationData(reading, reference, parts, used, in_order, unit, first["reference"])
 
 
-def check_data(data: CalibrationData) -> None:
-    """Refuse data that cannot determine any curve."""
-    if not data.used.any():
+def prepare(
+    experiments: Sequence[Experiment], options: PotentiometerOptions
+) -> tuple[CalibrationData, PotentiometerOptions, list[Notice]]:
+    """All samples and which of them can be used; the options with the rails settled.
+
+    Raises
+    ------
+    LogError, NotIdentifiedError
+        When no sample is left, or none of them differ: no curve can be determined.
+    """
+    data, notices = gather(experiments), list[Notice]()
+    rails = options.rails
+    if options.clipped is None and data.used.any():
+        rails, notices = _settle_rails(data, rails)
+    used = where_both(data.used, between(data.reading, rails))
+    if options.clipped is None:
+        options = replace(options, rails=rails, clipped=not np.array_equal(used, data.used))
+    data = replace(data, used=used)
+    if not used.any():
         raise LogError(
             "no sample is left to fit.",
             expected="Samples with a reading inside the rails and a reference.",
             remedy="Correct --rails, --window or the columns.",
         )
-    for name, values in (("reading", data.reading), ("reference", data.reference)):
-        kept = data.kept(values)
-        low, high = float(kept.min()), float(kept.max())
-        if high - low <= 1e-12 * max(high, -low):
+    for name, (low, span), values in (
+        ("reading", data.readings, data.reading), ("reference", data.positions, data.reference),
+    ):  # fmt: skip
+        if span <= 1e-12 * max(low + span, -low):
+            kept = data.kept(values)
             raise NotIdentifiedError(
                 f"the {name} is {kept[0]:g} in all {kept.size} samples.",
                 expected="A calibration needs readings at several positions.",
                 remedy="Move the potentiometer over its whole range while recording.",
             )
+    return data, options, notices
+
+
+def check_both_directions(rows: MapRows) -> None:
+    """Refuse two branches of a recording that moves one way only."""
+    for name, share in (("rising", rows.x[:, 1]), ("falling", 1.0 - rows.x[:, 1])):
+        there = share >= 0.999
+        if np.count_nonzero(there) < 5 or np.ptp(rows.x[there, 0]) < 0.5:
+            raise NotIdentifiedError(
+                f"the data cannot determine the {name} branch: the reading hardly moves that way.",
+                expected="Readings over at least half of the range in both directions.",
+                remedy="Record a stroke there and back, or give --branches pooled.",
+            )
 
 
 # ---------------------------------------------------------------------- clipped readings
-
-
-def prepare(
-    experiments: Sequence[Experiment], options: PotentiometerOptions
-) -> tuple[CalibrationData, PotentiometerOptions, list[Notice]]:
-    """All samples and which of them can be used; the options with the rails settled."""
-    data = gather(experiments)
-    check_data(data)
-    notices: list[Notice] = []
-    if options.clipped is None:
-        rails, notices = _settle_rails(data, options.rails)
-        inside = where_both(data.used, between(data.reading, rails))
-        options = replace(options, rails=rails, clipped=not np.array_equal(inside, data.used))
-    used = where_both(data.used, between(data.reading, options.rails))
-    if not np.array_equal(used, data.used):
-        data = replace(data, used=used)
-        check_data(data)
-    return data, options, notices
 
 
 def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
@@ -145,27 +213,34 @@ def _settle_rails(
     Readings within three standard deviations of their noise from a clipping rail are left out as
     well: those whose noise happened to point inwards would bend the ends of the curve.
     """
-    x, y = data.kept(data.reading), data.kept(data.reference)
-    low, high = float(x.min()), float(x.max())
-    margin, notices = 0.1 * (high - low), []
-    rails = given or (low - margin, high + margin)
-    for k, end in enumerate((low, high)):
-        if given is not None:
-            clips = x <= rails[0] if k == 0 else x >= rails[1]
-            count, kind = int(np.count_nonzero(clips)), "rails"
-        else:
-            count, kind = _resting(x, y, end)
+    x, y, (low, span) = data.kept(data.reading), data.kept(data.reference), data.readings
+    ends, notices = (low, low + span), list[Notice]()
+    widest = (low - 0.1 * span, low + 1.1 * span)
+    rails = list(given or widest)
+    for k, sign in enumerate((1.0, -1.0)):
+        at, kind = rails[k] if given else ends[k], "rails"
+        count = int(np.count_nonzero(sign * (x - at) <= 0.0))
+        if not given:
+            count, kind = _resting(x, y, at)
         if not count:
             continue
-        inside = 0.0
-        if count >= 3:
-            kept = between(x, rails if given else (low, high))
-            inside = 3.0 * _reading_noise(x[kept], y[kept])
-        at = rails[k] if given else end
-        rails = (at + inside, rails[1]) if k == 0 else (rails[0], at - inside)
-        every = f"{low - margin:g}:{high + margin:g}"
-        notices.append(_rails_notice(kind, count, at, inside, every))
-    return (rails if given is not None or notices else None), notices
+        kept = between(x, given or ends)
+        inside = 3.0 * _reading_noise(x[kept], y[kept]) if count >= 3 else 0.0
+        rails[k] = at + sign * inside
+        samples = "1 sample" if count == 1 else f"{count} samples"
+        near = f", and those within {inside:.3g} of it, three standard deviations of the noise"
+        text = (
+            f"{samples} at or beyond the reading {at:g}{near * (inside > 0.0)}: left out, as a "
+            "clipped reading says nothing about the position."
+        )
+        if kind == "rails-suspected":
+            text = (
+                f"the extreme reading {at:g} looks clipped, as its position does not follow from "
+                f"the readings beside it: {samples} left out. Give "
+                f"--rails {widest[0]:g}:{widest[1]:g} to keep all."
+            )
+        notices.append(Notice(kind, text))
+    return ((rails[0], rails[1]) if given or notices else None), notices
 
 
 def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
@@ -226,103 +301,3 @@ def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
     x = reading[np.argsort(reference, kind="stable")]
     noise = noise_floor(x, 3)
     return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
-
-
-def _rails_notice(kind: str, count: int, rail: float, inside: float, every: str) -> Notice:
-    samples = "1 sample" if count == 1 else f"{count} samples"
-    if kind == "rails-suspected":
-        text = (
-            f"the extreme reading {rail:g} looks clipped, as its position does not follow from "
-            f"the readings beside it: {samples} left out. Give --rails {every} to keep all."
-        )
-        return Notice("rails-suspected", text)
-    near = ""
-    if inside:
-        near = f", and those within {inside:.3g} of it, three standard deviations of the noise"
-    text = f"{samples} at or beyond the reading {rail:g}{near}: left out, as a clipped reading "
-    return Notice("rails", f"{text}says nothing about the position.")
-
-
-# -------------------------------------------------------------------- scaled to order one
-
-
-@dataclass(frozen=True)
-class ScaledSamples:
-    """Used samples scaled to order one: place and share of the rising branch, and position.
-
-    Attributes
-    ----------
-    rows, few
-        All samples in the order of the logs, and the same with those of one reading, or of one
-        narrow bin, merged.
-    low, span, base, stroke
-        Lowest value and range of the reading, and of the reference [SI].
-    output
-        Reference of the first log.
-    """
-
-    rows: MapRows
-    low: float
-    span: float
-    base: float
-    stroke: float
-    few: MapRows
-    output: Signal
-
-    @cached_property
-    def edges(self) -> FloatArray | None:
-        """Edges between the positions at which readings were taken."""
-        return position_edges(self.few.x[:, 0], self.rows.y.size)
-
-    @property
-    def positions(self) -> int:
-        """Number of positions of readings; in a sweep that of distinct readings."""
-        return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
-
-    def words(self, scaled: float) -> str:
-        """A difference of positions in words."""
-        return self.output.text(scaled * self.stroke)
-
-
-def scale_samples(data: CalibrationData, dead_band: float | None = None) -> ScaledSamples:
-    """Scale the used samples; without a dead band between branches there is one curve."""
-    x, y = data.kept(data.reading), data.kept(data.reference)
-    (low, high), (base, top) = ((float(v.min()), float(v.max())) for v in (x, y))
-    span, stroke = high - low, top - base
-    share = np.broadcast_to(1.0, x.shape) if dead_band is None else data.rising(dead_band)
-    table, level = np.column_stack(((x - low) / span, share)), (y - base) / stroke
-    rows = MapRows(table, level, np.broadcast_to(1.0, x.shape))
-    return ScaledSamples(rows, low, span, base, stroke, _merged(rows), data.output)
-
-
-def _merged(rows: MapRows) -> MapRows:
-    """Rows at equal places, or of one narrow bin, merged into their means.
-
-    Where the places are those of a converter the fit is exactly the same. Otherwise the bins are
-    so narrow that the curve is straight within them.
-    """
-    if rows.y.size <= FINE:
-        return MapRows(np.asarray(rows.x), np.asarray(rows.y), np.asarray(rows.count))
-    distinct = np.unique(rows.x[:: max(rows.y.size // (8 * FINE), 1), 0])
-    edges = np.linspace(0.0, 1.0, FINE + 1)
-    if distinct.size <= FINE:
-        edges = np.concatenate(([-1.0], 0.5 * (distinct[1:] + distinct[:-1]), [2.0]))
-    t, share = rows.x.T
-    place = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
-    key = place * 5 + np.round(share * 4.0).astype(np.int64)
-    sums = np.array([np.bincount(key, values) for values in (None, t, share, rows.y)])
-    count, *means = sums[:, sums[0] > 0.0]
-    t, share, y = (m / count for m in means)
-    return MapRows(np.column_stack((t, share)), y, count)
-
-
-def check_both_directions(rows: MapRows) -> None:
-    """Refuse two branches of a recording that moves one way only."""
-    for name, share in (("rising", rows.x[:, 1]), ("falling", 1.0 - rows.x[:, 1])):
-        there = share >= 0.999
-        if np.count_nonzero(there) < 5 or np.ptp(rows.x[there, 0]) < 0.5:
-            raise NotIdentifiedError(
-                f"the data cannot determine the {name} branch: the reading hardly moves that way.",
-                expected="Readings over at least half of the range in both directions.",
-                remedy="Record a stroke there and back, or give --branches pooled.",
-            )

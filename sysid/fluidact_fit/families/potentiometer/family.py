@@ -41,18 +41,19 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    Status,
     Structure,
     Value,
     Variant,
     make_solution,
 )
 from .block import PotentiometerBlock
-from .calibration import SECOND, Calibration, over_common_readings
-from .data import between, check_both_directions, gather, prepare, scale_samples
-from .fit import find_dead_band, fit_curve, is_rising_or_falling
+from .calibration import Calibration, over_common_readings
+from .data import between, check_both_directions, gather, prepare
+from .fit import find_dead_band, fit_curve
 from .options import PotentiometerOptions
 from .rational_bezier import power_coefficients, rational_bezier
-from .results import curve_quantities, derived_quantities, fit_details, sizes_of
+from .results import curve_quantities, derived_quantities, fit_details
 
 
 class Potentiometer(Family[PotentiometerOptions]):
@@ -123,31 +124,30 @@ class Potentiometer(Family[PotentiometerOptions]):
         data, options, notices = prepare(experiments, request.options)
         request = replace(request, options=options)
         band = find_dead_band(data, request) if options.branches == "two" else None
-        scaled = scale_samples(data, band)
+        data = replace(data, dead_band=band)
         if band is not None:
-            check_both_directions(scaled.rows)
-        found = fit_curve(data, scaled, request)
-        parameters, order, matrix = curve_quantities(found, scaled)
-        parameters["reading_range"] = Quantity(
-            [scaled.low, scaled.low + scaled.span], data.unit, "derived"
-        )
+            check_both_directions(data.rows)
+        found = fit_curve(data, request)
+        parameters, order, matrix = curve_quantities(found, data)
+        low, span = data.readings
+        parameters["reading_range"] = Quantity([low, low + span], data.unit, "derived")
         if band is not None:
-            given = "hysteresis_dead_band" in request.fixed
-            parameters["hysteresis_dead_band"] = Quantity(
-                band, data.unit, "fixed" if given else "derived"
-            )
-        monotone = is_rising_or_falling(found.fit) if options.monotone is None else options.monotone
+            status: Status = "fixed" if "hysteresis_dead_band" in request.fixed else "derived"
+            parameters["hysteresis_dead_band"] = Quantity(band, data.unit, status)
+        calibration = Calibration.of({name: q.value for name, q in parameters.items()})
+        monotone = calibration.monotone if options.monotone is None else options.monotone
+        degree = str(found.fit.model.degree)
         return make_solution(
             self.simulate,
             experiments,
             variant,
-            replace(options, degree=str(found.model.degree), monotone=monotone, dead_band=band),
+            replace(options, degree=degree, monotone=monotone, dead_band=band),
             {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
             order,
             NoiseModel(matrix, found.spread.independent),
-            derived=derived_quantities(found, scaled),
+            derived=derived_quantities(found, data, calibration),
             notices=[*notices, *found.notices],
-            details=fit_details(found, scaled),
+            details=fit_details(found, data),
         )
 
     def simulate(
@@ -181,15 +181,15 @@ class Potentiometer(Family[PotentiometerOptions]):
         ]
         if len(ratios) == 1:
             return {"curve": curve | ratios[0]}
-        branches = dict(zip(("rising", "falling"), ratios))
-        return {"curve": curve | {"hysteresis_dead_band": c.dead_band} | branches}
+        rising, falling = ratios
+        band = {"hysteresis_dead_band": c.dead_band}
+        return {"curve": curve | band | {"rising": rising, "falling": falling}}
 
     def derived(
         self, values: Mapping[str, Any], options: PotentiometerOptions
     ) -> Mapping[str, Any]:
         """Stroke and width of the hysteresis; see :meth:`Family.derived`."""
-        given = ((values.get(f"control_points{s}"), values.get(f"weights{s}")) for s in SECOND)
-        return sizes_of([(np.array(p), np.array(w)) for p, w in given if p and w])
+        return Calibration.of(values).sizes
 
     def static_view(self, plant: Plant[PotentiometerOptions], runs: Runs) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""

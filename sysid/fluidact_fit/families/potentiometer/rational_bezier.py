@@ -20,7 +20,7 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.map import MapFit, MapRows
+from ...estimation.map import MapRows
 from ...experiment import BoolArray, FloatArray
 from ...rows import blocks
 
@@ -106,11 +106,7 @@ def is_monotone(control_points: npt.ArrayLike, weights: npt.ArrayLike) -> bool:
 def power_coefficients(points: npt.ArrayLike) -> FloatArray:
     """Coefficients by ascending powers of ``t`` of ``sum_i c_i B_i(t)``, shape ``(N + 1,)``."""
     c = np.asarray(points, dtype=float)
-    n = c.size - 1
-    out = np.zeros(n + 1)
-    for k in range(n + 1):
-        out[k] = comb(n, k) * sum((-1) ** (k - i) * comb(k, i) * c[i] for i in range(k + 1))
-    return out
+    return np.array([comb(c.size - 1, k) * np.diff(c, k)[0] for k in range(c.size)])
 
 
 def express(points: FloatArray, degree: int, low: float = 0.0, high: float = 1.0) -> FloatArray:
@@ -157,14 +153,10 @@ class BezierModel:
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Steps of a monotone curve have one sign, weights are limited."""
-        low = np.full(self.degree + 1, -np.inf)
-        low[1:] = 0.0 if self.direction else -np.inf
-        limit = np.full(self.degree if self.rational else 0, LOG_WEIGHT_LIMIT)
-        high = np.full(self.degree + 1, np.inf)
-        return (
-            np.tile(np.concatenate((low, -limit)), self.branches),
-            np.tile(np.concatenate((high, limit)), self.branches),
-        )
+        least, limit = 0.0 if self.direction else -np.inf, LOG_WEIGHT_LIMIT
+        n, weights = self.degree, self.degree if self.rational else 0
+        low, high = [-np.inf, *[least] * n, *[-limit] * weights], [np.inf] * (n + 1)
+        return np.tile(low, self.branches), np.tile([*high, *[limit] * weights], self.branches)
 
     @cached_property
     def linear(self) -> BoolArray:
@@ -174,7 +166,7 @@ class BezierModel:
 
     @cached_property
     def expansion(self) -> FloatArray:
-        """Control points and log weights of a branch per unknown, ``(2 (N + 1), q)``."""
+        """Control points and ``log w_i / w_0`` of a branch per unknown, ``(2 (N + 1), q)``."""
         n = self.degree
         out = np.zeros((2 * (n + 1), self.unknowns // self.branches))
         out[: n + 1, : n + 1] = np.eye(n + 1)
@@ -183,16 +175,13 @@ class BezierModel:
             out[: n + 1, 0] = 1.0
         if self.rational:  # the last unknown tilts both ends
             out[n + 2 :, n + 1 :] = np.eye(n)
-            out[n + 1, -1] = -1.0
+            out[n + 2 :, -1] += 1.0
         return out
 
     def curves(self, theta: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Control points and weights, the first one 1, of every branch."""
-        out = []
-        for own in np.split(theta, self.branches):
-            points, logs = np.split(self.expansion @ own, 2)
-            out.append((points, np.exp(logs - logs[0])))
-        return out
+        each = (np.split(self.expansion @ own, 2) for own in np.split(theta, self.branches))
+        return [(points, np.exp(logs)) for points, logs in each]
 
     def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
         """The curve, its branches blended by their share."""
@@ -217,19 +206,16 @@ class BezierModel:
 
     def start(self, rows: MapRows, weights: Sequence[FloatArray]) -> FloatArray:
         """Unknowns with given weights of the branches; the control points that fit best."""
-        n, logs = self.degree, [np.log(w) for w in weights]
-        logs = [lw - 0.5 * (lw[0] + lw[-1]) for lw in logs]
-        own = [np.clip(lw[1:], -LOG_WEIGHT_LIMIT, LOG_WEIGHT_LIMIT) for lw in logs]
-        theta = np.zeros((self.branches, self.expansion.shape[1]))
+        table = np.zeros((self.branches, self.expansion.shape[1]))
+        points = np.tile(np.arange(table.shape[1]) <= self.degree, self.branches)
         if self.rational:
-            theta[:, n + 1 :] = own
-        linear = np.tile(np.arange(theta.shape[1]) <= n, self.branches)
-        root = np.sqrt(rows.count)
-        columns = self.slopes(theta.ravel(), rows.x)[:, linear] * root[:, None]
-        theta[:, : n + 1] = np.linalg.lstsq(columns, rows.y * root, rcond=None)[0].reshape(
-            -1, n + 1
-        )
-        return np.clip(theta.ravel(), *self.bounds)
+            logs = np.log(weights)
+            logs -= 0.5 * (logs[:, :1] + logs[:, -1:])
+            table[:, self.degree + 1 :] = logs[:, 1:]
+        theta, root = np.clip(table.ravel(), *self.bounds), np.sqrt(rows.count)
+        columns = self.slopes(theta, rows.x)[:, points] * root[:, None]
+        theta[points] = np.linalg.lstsq(columns, rows.y * root, rcond=None)[0]
+        return np.clip(theta, *self.bounds)
 
     def starts(self, rows: MapRows) -> list[FloatArray]:
         """Weights to start from: equal, one end heavy, the middle heavy or light."""
@@ -238,14 +224,3 @@ class BezierModel:
         heavy = [0.0 * place, 1.2 * place, -1.2 * place, 1.2 * middle, -1.2 * middle]
         kinds = heavy if self.rational else heavy[:1]
         return [self.start(rows, [np.exp(h)] * self.branches) for h in kinds]
-
-
-def model_of(fit: MapFit) -> BezierModel:
-    """The declaration that was fitted."""
-    assert isinstance(fit.model, BezierModel)
-    return fit.model
-
-
-def curves_of(fit: MapFit) -> list[tuple[FloatArray, FloatArray]]:
-    """Control points and weights of a fit, per branch."""
-    return model_of(fit).curves(fit.theta)
