@@ -432,6 +432,10 @@ def test_two_branches_follow_the_hysteresis() -> None:
     np.testing.assert_allclose(stepped, two.simulated[0], rtol=1e-12)
     assert pot.inverse(pot(500.0, direction=1.0), direction=1.0) == pytest.approx(500.0)
     assert float(pot(500.0, direction=1.0)) - float(pot(500.0, direction=-1.0)) > 2e-4
+    for call in (pot, pot.inverse, pot.sensitivity):
+        # logs write 2 for falling: it was taken for rising
+        with pytest.raises(UsageError, match="motion state of 2"):
+            call(0.03, 2.0)
     given = fit(with_hysteresis(1500), branches="two", fixed={"hysteresis_dead_band": 6.0})
     assert given.parameters["hysteresis_dead_band"].status == "fixed"
 

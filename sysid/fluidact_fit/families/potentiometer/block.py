@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
+from ...block import Block, as_motion_state
 from ...experiment import Experiment, FloatArray
 from ...parameters.document import ParameterDocument
 from ...routines import (
@@ -133,6 +133,8 @@ class PotentiometerBlock(Block):
         ValueError
             When a position is beyond the range (unless clamped) or the curve turns back,
             so that a position has several readings.
+        UsageError
+            When a direction is not one of these.
         """
         y, c = np.asarray(metres, dtype=float), self._calibration
         if not c.monotone:
@@ -140,7 +142,7 @@ class PotentiometerBlock(Block):
                 "the curve is not monotone: one position has several readings. "
                 "Fit again with monotone=True (--monotone)."
             )
-        share = 0.5 + 0.5 * float(np.clip(direction, -1.0, 1.0))
+        share = float(0.5 + 0.5 * as_motion_state(direction))
         ends = [float(c.value(np.asarray(t), share)) for t in (0.0, 1.0)]
         slack = 1e-12 * abs(ends[1] - ends[0])
         outside = ~((y >= min(ends) - slack) & (y <= max(ends) + slack))

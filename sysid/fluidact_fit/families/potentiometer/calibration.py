@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from ...block import as_motion_state
 from ...errors import UsageError
 from ...estimation.recursion import clamped
 from ...experiment import FloatArray
@@ -129,7 +130,7 @@ class Calibration:
     def share(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Share of the rising branch; an array without directions is a recording."""
         if direction is not None:
-            return np.asarray(0.5 + 0.5 * np.clip(direction, -1.0, 1.0))
+            return np.asarray(0.5 + 0.5 * as_motion_state(direction))
         if len(self.curves) == 1 or reading.ndim == 0:
             return np.asarray(0.5)
         return rising_share(reading, self.dead_band)
