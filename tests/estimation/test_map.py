@@ -153,7 +153,7 @@ def test_positions_that_are_missed_and_directions_that_differ_are_seen() -> None
     for width, seen in ((0.0, False), (0.03, True)):
         residual = noise + width * rising
         said = list(direction_notices(
-            ("output", "inputs", ""), "{:.6f}".format, 1e-3, [columns], [residual], [rising]
+            ("output", "inputs", ""), "", "{:.6f}".format, 1e-3, [columns], [residual], [rising]
         ))  # fmt: skip
         assert len(said) == seen
         if seen:  # within 4 standard errors

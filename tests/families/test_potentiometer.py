@@ -498,6 +498,16 @@ def test_readings_that_rest_on_a_rail_are_left_out() -> None:
     assert not fit(experiment(np.round(20.0 + 18000.0 * dwelling), noisy)).notices
 
 
+def test_both_rails_are_found_where_lowest_and_range_round_to_another_highest() -> None:
+    low, high = 0.24, 3.44
+    assert low + (high - low) != high
+    x = np.linspace(0.0, 0.06, 600)
+    volts = np.clip(0.2 + 60.0 * x, low, high)
+    y = x + 5e-5 * np.random.default_rng(1).standard_normal(600)
+    found = fit(experiment(volts, y), degree="1")
+    assert codes(found) == ["rails", "rails", "one-direction"]
+
+
 def test_readings_next_to_a_noisy_rail_are_left_out_with_it() -> None:
     rng = np.random.default_rng(21)
     x = np.linspace(0.0, 0.06, 4000)
@@ -540,6 +550,17 @@ def test_degree_one_is_never_told_to_go_lower() -> None:
     noisy = 6e-5 * reading + 0.03 * rng.standard_normal(6)
     result = fit(experiment(reading, noisy), degree="1")
     assert not any("below 1" in n.message for n in result.notices)
+
+
+@pytest.mark.parametrize("degree", ["auto", "3"])
+def test_a_degree_that_was_chosen_is_not_told_to_be_chosen(degree: str) -> None:
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 1.0, 40)
+    y = 0.06 * x + 1e-3 * np.sin(9.0 * x) + 3e-4 * rng.standard_normal(40)
+    found = fit(experiment(np.round(1023.0 * x / (1.0 + 2.0 * x * (1.0 - x))), y), degree=degree)
+    (message,) = [n.message for n in found.notices if n.code == "degree-too-high"]
+    assert "below 3" in message
+    assert ("--degree auto" in message) == (degree == "3")
 
 
 def test_a_lone_clipped_end_is_warned_of_with_rails_that_can_be_given() -> None:

@@ -322,15 +322,6 @@ def widest_gap(x: FloatArray) -> tuple[float, float] | None:
 # --------------------------------------------------------------------- lack of fit, uncertainty
 
 
-def count_ways(rising: FloatArray) -> tuple[int, int]:
-    """Number of samples of the rarer and of the more frequent direction.
-
-    ``rising`` is the share of rising motion of every sample, 0 to 1, shape ``(n,)``.
-    """
-    up, down = int(np.count_nonzero(rising > 0.9)), int(np.count_nonzero(rising < 0.1))
-    return min(up, down), max(up, down)
-
-
 @dataclass(frozen=True)
 class Misfit:
     """Lack of fit of a map: mean squares of the residual between and within positions [2]_.
@@ -471,13 +462,14 @@ def find_uncertainty(
 
 def direction_notices(
     words: tuple[str, str, str],
+    one_way: str,
     text: Callable[[float], str],
     least: float,
     jacobians: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
     rising: Sequence[FloatArray],
 ) -> Iterator[Notice]:
-    """Warn of an output that differs between rising and falling inputs.
+    """Warn of an output that differs between rising and falling inputs, or was recorded one way.
 
     Residuals are regressed on the direction together with the unknowns of the map. The difference
     has to be significant, and larger than half the scatter and the ``least`` one worth a warning.
@@ -486,12 +478,20 @@ def direction_notices(
     ----------
     words
         Names of the output and of the inputs, and the meaning of the difference.
+    one_way
+        What is said where nearly all samples move in one direction; empty for nothing.
     text
         Formats a difference of the output.
     jacobians, residuals, rising
         Per log: derivatives ``(n_i, p)``, residuals and the share of rising motion ``(n_i,)``,
         0 to 1.
     """
+    shares = np.concatenate(rising)
+    fewer, more = sorted(np.count_nonzero(x) for x in (shares > 0.9, shares < 0.1))
+    if fewer < 10:
+        if one_way and not fewer and more > 0.8 * shares.size:  # else some go back, or rest
+            yield Notice("one-direction", one_way)
+        return
     parts = [middle_of(len(r)) for r in residuals]
     residuals = [np.asarray(r[at]) for r, at in zip(residuals, parts)]
     tables = [np.column_stack((j[at], r[at] - 0.5)) for j, r, at in zip(jacobians, rising, parts)]

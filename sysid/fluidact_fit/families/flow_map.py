@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from ..block import Block
 from ..errors import LogError, Notice, NotIdentifiedError
-from ..estimation.map import count_ways, direction_notices
+from ..estimation.map import direction_notices
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -369,24 +369,22 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
             f"other scatter by {np.sqrt(misfit.within):.3g}, most of all at a command of "
             f"{misfit.worst:.4g}: the valve has another shape. Look at the picture (--plot).",
         )
-    rising = np.concatenate([
+    rising = [
         0.5 + 0.5 * held_direction(u, max(choose_dead_band(u), 1e-3 * most))
         for u in data.by_log(data.x[:, 0])
-    ])  # fmt: skip
-    fewer, more = count_ways(rising)
-    if more > 0.9 * rising.size:
-        yield Notice(
-            "one-direction",
-            "the command moves in one direction only: hysteresis of the spool cannot be seen, and "
-            "the map holds for this direction. Ramp the command up and down.",
-        )
-    elif fewer >= 10:
-        words = (
-            "the flow", "commands", "hysteresis of the spool, or a flow that lags behind a ramp. "
-            "Ramp more slowly, or hold commands.",
-        )  # fmt: skip
-        parts = (data.by_log(x) for x in (found.jacobian, found.residual, rising))
-        yield from direction_notices(words, lambda q: f"{q:.3g} {unit}", 2e-3 * span, *parts)
+    ]
+    words = (
+        "the flow", "commands", "hysteresis of the spool, or a flow that lags behind a ramp. "
+        "Ramp more slowly, or hold commands.",
+    )  # fmt: skip
+    one_way = (
+        "the command moves in one direction only: hysteresis of the spool cannot be seen, and "
+        "the map holds for this direction. Ramp the command up and down."
+    )
+    yield from direction_notices(
+        words, one_way, lambda q: f"{q:.3g} {unit}", 2e-3 * span,
+        data.by_log(found.jacobian), data.by_log(found.residual), rising,
+    )  # fmt: skip
 
 
 # --------------------------------------------------------------------- what a controller runs

@@ -68,8 +68,7 @@ class CalibrationData:
     def by_log(self, values: FloatArray) -> list[FloatArray]:
         """Values of used samples, cut into the logs that have any."""
         sizes = [int(np.count_nonzero(self.used[p])) for p in self.parts]
-        ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
-        return [values[a:b] for a, b in pairwise(ends)]
+        return [v for v in np.split(values, np.cumsum(sizes)[:-1]) if len(v)]
 
     def rising(self, dead_band: float) -> FloatArray:
         """Share of the rising branch of the used samples; each log from its own start."""
@@ -213,16 +212,16 @@ def _settle_rails(
     Readings within three standard deviations of their noise from a clipping rail are left out as
     well: those whose noise happened to point inwards would bend the ends of the curve.
     """
-    x, y, (low, span) = data.kept(data.reading), data.kept(data.reference), data.readings
-    ends, notices = (low, low + span), list[Notice]()
-    widest = (low - 0.1 * span, low + 1.1 * span)
+    x, y = data.kept(data.reading), data.kept(data.reference)
+    ends, notices = (float(x.min()), float(x.max())), list[Notice]()
+    margin = 0.1 * (ends[1] - ends[0])
+    widest = (ends[0] - margin, ends[1] + margin)
     rails = list(given or widest)
     for k, sign in enumerate((1.0, -1.0)):
-        at, kind = rails[k] if given else ends[k], "rails"
+        at = rails[k] if given else ends[k]
+        kind = "rails" if given else _how_clipped(x, y, at)
         count = int(np.count_nonzero(sign * (x - at) <= 0.0))
-        if not given:
-            count, kind = _resting(x, y, at)
-        if not count:
+        if not (kind and count):
             continue
         kept = between(x, given or ends)
         inside = 3.0 * _reading_noise(x[kept], y[kept]) if count >= 3 else 0.0
@@ -243,8 +242,8 @@ def _settle_rails(
     return ((rails[0], rails[1]) if given or notices else None), notices
 
 
-def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
-    """Number of samples clipped at an extreme reading, and the code of the notice.
+def _how_clipped(x: FloatArray, y: FloatArray, end: float) -> str:
+    """Code of the notice of an extreme reading that is clipped; empty where it is not.
 
     Three or more samples are clipped if their references spread three times wider than those of the
     neighbouring readings do: by their scatter about a straight line, plus its slope over one step
@@ -252,21 +251,20 @@ def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
     """
     distinct = np.unique(x[:: max(x.size // 200_000, 1)])
     if distinct.size < 6:
-        return 0, ""
+        return ""
     if end > distinct[0]:
         distinct = distinct[::-1]
     at, near = x == end, distinct[distinct != end][:_NEAR]
-    count = int(np.count_nonzero(at))
-    if count >= 3:
+    if np.count_nonzero(at) >= 3:
         beside = (x >= near.min()) & (x <= near.max())
         line = np.polynomial.Polynomial.fit(x[beside], y[beside], 1)
         scatter = float(np.std(y[beside] - line(x[beside])))
         slope = abs(float(line.convert().coef[-1]))
         finest = float(np.abs(np.diff(distinct)).min())
-        return (count, "rails") if np.std(y[at]) > 3.0 * (scatter + slope * finest) else (0, "")
+        return "rails" if np.std(y[at]) > 3.0 * (scatter + slope * finest) else ""
     means = np.array([y[x == v].mean() for v in near[:9]])
     off = _is_off_course(near[:9] - end, means - float(y[at].mean()))
-    return (count, "rails-suspected") if off else (0, "")
+    return "rails-suspected" if off else ""
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:

@@ -14,7 +14,6 @@ from ...estimation.map import (
     MapFit,
     MapRows,
     Misfit,
-    count_ways,
     cross_validate,
     direction_notices,
     excess_tail,
@@ -30,13 +29,14 @@ from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...experiment import BoolArray, FloatArray, all_of, where_finite
 from ...family import Request
+from ...rows import square_sum
 from ...units import after_number
-from .calibration import rising_share
 from .data import CalibrationData
 from .options import PotentiometerOptions
 from .rational_bezier import LOG_WEIGHT_LIMIT, BezierModel, bernstein, express, is_monotone
 
 MOST = 5  # highest degree of an automatic choice
+_SAMPLES = 30_000  # that a dead band is chosen by
 MATTERS = 2e-3  # share of the stroke that is worth a warning
 _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both branches
 
@@ -45,14 +45,15 @@ BezierFit = MapFit[BezierModel]
 
 @dataclass(frozen=True)
 class CurveFit:
-    """A chosen curve: the fit, covariance of control points and log weights, scores, notices.
+    """A chosen curve: the fit, covariance of control points and log weights, notices.
 
+    ``scores`` are mean squares of the folds held out, by degree; none where one was given.
     ``spread`` is in scaled units, its rows ``P_0..P_N, log w_0/w_0..log w_N/w_0`` per branch.
     """
 
     fit: BezierFit
     spread: Uncertainty
-    scores: list[tuple[int, float]]
+    scores: list[FloatArray]
     notices: list[Notice]
 
 
@@ -69,7 +70,7 @@ def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> 
     fit, scores = _search_degree(rows, data, branches, request)
     fit, notices = _keep_monotone(rows, data, fit, options.monotone)
     misfit, spread = _spread(data, fit, ends)
-    plain, unsure = _drop_weights(rows, data, fit, spread)
+    plain, unsure = _drop_weights(rows, data, fit, spread, bool(scores))
     if plain is not fit:
         fit, notices = _keep_monotone(rows, data, plain, options.monotone)
         misfit, spread = _spread(data, fit, ends)
@@ -101,21 +102,19 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
 
     model = BezierModel(min(4, _highest_degree(data, 1)))
     pooled = fit_map(model, data.few, model.starts(data.few)[:1])
-    (low, span), (base, stroke) = data.readings, data.positions
-    finest = span * max(2.0 * float(np.diff(np.unique(data.few.x[:, 0])).min()), MATTERS)
-    part = max(data.parts, key=lambda p: p.stop - p.start)
-    part = slice(part.start, min(part.stop, part.start + 30_000))
-    used, x = data.used[part], data.reading[part]
-    t, y = (x[used] - low) / span, (data.reference[part][used] - base) / stroke
-    level = np.clip(model.value(pooled.theta, np.column_stack((t, t))), 0.0, 1.0)
-    mean, difference = bernstein(level, 12), bernstein(level, 2)
+    finest = data.readings[1] * max(
+        2.0 * float(np.diff(np.unique(data.few.x[:, 0])).min()), MATTERS
+    )
+    at = slice(None, None, 1 + data.rows.y.size // _SAMPLES)
+    y, level = data.rows.y[at], model.value(pooled.theta, data.rows.x[at])
+    mean, difference = (bernstein(np.clip(level, 0.0, 1.0), n) for n in (12, 2))
 
     def left(octaves: float) -> float:
         """Sum of squares that branches with a band of ``finest * 2**octaves`` leave."""
-        share = rising_share(x, finest * 2.0**octaves)[used, None]
+        share = data.rising(finest * 2.0**octaves)[at, None]
         columns = np.hstack((mean, difference * (share - 0.5)))
         rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-        return float(rest @ rest)
+        return square_sum(rest)
 
     rough = np.array([left(k) for k in range(7)])
     best = float(np.argmin(np.round(rough / rough.min(), 3)))
@@ -132,7 +131,7 @@ def _highest_degree(data: CalibrationData, branches: int) -> int:
 
 def _search_degree(
     rows: MapRows, data: CalibrationData, branches: int, request: Request[PotentiometerOptions]
-) -> tuple[BezierFit, list[tuple[int, float]]]:
+) -> tuple[BezierFit, list[FloatArray]]:
     """Fit all degrees up to the one wanted; without one, choose by cross-validation.
 
     Each degree starts from the one before, elevated, as well: more degrees never fit worse.
@@ -148,15 +147,14 @@ def _search_degree(
             before = ladder[-1].model.curves(ladder[-1].theta)
             starts.append(model.start(rows, [express(w, degree) for _, w in before]))
         ladder.append(fit_map(model, rows, starts, 1e-2))
-    degree, scores = wanted or 1, []
+    degree, scores = wanted or 1, list[FloatArray]()
     if not wanted and highest > 1:
         folds = _folds(data)
         scores = [_score(data.few, f, folds) for f in ladder]
         degree = smallest_sufficient(scores) + 1
     found = ladder[degree - 1]
     last = fit_map(found.model, rows, [found.theta], apart=True)
-    fit = replace(last, tried=found.tried, agreeing=found.agreeing)
-    return fit, [(k, float(s.mean())) for k, s in enumerate(scores, start=1)]
+    return replace(last, tried=found.tried, agreeing=found.agreeing), scores
 
 
 def _folds(data: CalibrationData) -> Index:
@@ -242,11 +240,12 @@ def _tail(data: CalibrationData, restricted: BezierFit, fit: BezierFit) -> float
 
 
 def _drop_weights(
-    rows: MapRows, data: CalibrationData, fit: BezierFit, spread: Uncertainty
+    rows: MapRows, data: CalibrationData, fit: BezierFit, spread: Uncertainty, chosen: bool
 ) -> tuple[BezierFit, list[Notice]]:
     """Replace weights that the data do not determine by ones.
 
-    A straight line, for example, is a curve of degree two with any of a family of weights.
+    A straight line, for example, is a curve of degree two with any of a family of weights. The
+    degree was ``chosen`` here, or given.
     """
     model = fit.model
     widest = std_errors(spread, model.degree)[:, 1].max()
@@ -254,8 +253,8 @@ def _drop_weights(
         return fit, []
     straight = replace(model, rational=False, direction=0)
     plain = fit_map(straight, rows, straight.starts(rows))
-    lower = f"Give a --degree below {model.degree}, or --degree auto. "
-    advice = lower if model.degree > 1 else ""
+    auto = "" if chosen else ", or --degree auto"
+    advice = f"Give a --degree below {model.degree}{auto}. " if model.degree > 1 else ""
     if _tail(data, plain, fit) < 0.05:
         text = (
             "some weights are hardly determined: their 95 % intervals span more than a factor of "
@@ -403,27 +402,21 @@ def _direction_notice(fit: BezierFit, data: CalibrationData) -> Iterator[Notice]
     tremble = 8.0 * max(
         noise_floor(all_of(x, where_finite(x))) for x in (data.reading[p] for p in data.parts)
     )
-    share = data.rising(max(tremble, 5e-3 * data.readings[1]))
-    fewer, more = count_ways(share)
-    if fewer < 10:
-        if fewer or more <= 0.9 * share.size or data.edges is not None:
-            return  # some go back at least, or are at rest
-        yield Notice(
-            "one-direction",
-            "the reading moves in one direction only: whether it depends on the direction, by "
-            "play in the coupling or a delay between the two signals, cannot be seen, and the "
-            "curve holds for this direction. Record strokes in both directions.",
-        )
-        return
+    share = data.by_log(data.rising(max(tremble, 5e-3 * data.readings[1])))
     # of the reading before: one that is too high by chance both looks like rising and lies
     # beside the curve
-    shares = [np.append(s[:1], s[:-1]) for s in data.by_log(share)]
-    jacobian, rest = data.rows.slopes(fit), data.rows.residual(fit)
+    shares = [np.append(s[:1], s[:-1]) for s in share]
     words = (
         "at one reading the reference", "readings", "one curve for both is off by half of that or "
         "more. Give --branches=two, or look for play in the coupling and for a delay between the "
         "two signals.",
     )  # fmt: skip
-    yield from direction_notices(
-        words, data.words, 0.5 * MATTERS, data.by_log(jacobian), data.by_log(rest), shares
+    one_way = (
+        "the reading moves in one direction only: whether it depends on the direction, by play in "
+        "the coupling or a delay between the two signals, cannot be seen, and the curve holds for "
+        "this direction. Record strokes in both directions."
     )
+    yield from direction_notices(
+        words, one_way * (data.edges is None), data.words, 0.5 * MATTERS,
+        data.by_log(data.rows.slopes(fit)), data.by_log(data.rows.residual(fit)), shares,
+    )  # fmt: skip

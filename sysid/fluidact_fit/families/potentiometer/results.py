@@ -66,7 +66,7 @@ def derived_quantities(
 
 
 def fit_details(found: CurveFit, data: CalibrationData) -> dict[str, Any]:
-    """Starts and residuals for the file, and what other degrees left."""
+    """Starts and residuals for the file, and the errors of all degrees on folds held out."""
     fit, spread, stroke = found.fit, found.spread, data.positions[1]
     details: dict[str, Any] = {
         "monotone_constraint": bool(fit.model.direction),
@@ -78,6 +78,7 @@ def fit_details(found: CurveFit, data: CalibrationData) -> dict[str, Any]:
     }
     if found.scores:
         details["cross_validation"] = [
-            {"degree": k, "rms": float(np.sqrt(square)) * stroke} for k, square in found.scores
+            {"degree": k, "rms": float(np.sqrt(squares.mean())) * stroke}
+            for k, squares in enumerate(found.scores, start=1)
         ]
     return details
