@@ -603,6 +603,17 @@ def test_nine_positions_give_more_than_a_straight_line() -> None:
     assert "few-positions" not in codes(fit(at_positions(20)))
 
 
+def test_positions_of_two_branches_are_counted_for_each() -> None:
+    """Of 22 samples 11 were of a branch, and "22 positions" were told to become 12 or more."""
+    t = np.concatenate((np.linspace(0.0, 1.0, 11), np.linspace(0.95, 0.05, 11)))
+    rising = np.arange(22) < 11
+    y = rational_bezier(t, TRUE_POINTS, TRUE_WEIGHTS) + 1e-3 * rising
+    y += 1e-5 * np.random.default_rng(3).standard_normal(22)
+    found = fit(experiment(20.0 + 980.0 * t, y), branches="two")
+    (message,) = [n.message for n in found.notices if n.code == "few-positions"]
+    assert message.startswith("11 positions in each direction cannot show")
+
+
 def test_readings_at_one_position_count_once() -> None:
     alone = fit(at_positions(25, 1, 1e-4, 0.0), degree="2").parameters["control_points"]
     many = fit(at_positions(25, 40, 1e-4, 1e-5), degree="2").parameters["control_points"]

@@ -489,7 +489,8 @@ def direction_notices(
     shares = np.concatenate(rising)
     fewer, more = sorted(np.count_nonzero(x) for x in (shares > 0.9, shares < 0.1))
     if fewer < 10:
-        if one_way and not fewer and more > 0.8 * shares.size:  # else some go back, or rest
+        # none goes back, and few rest; the first of a log has no direction yet
+        if one_way and not fewer and more + len(rising) > 0.9 * shares.size:
             yield Notice("one-direction", one_way)
         return
     parts = [middle_of(len(r)) for r in residuals]

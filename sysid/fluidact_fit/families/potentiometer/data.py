@@ -102,7 +102,7 @@ class CalibrationData:
         """
         rows, (t, share) = self.rows, self.rows.x.T
         if rows.y.size <= FINE:
-            return MapRows(np.asarray(rows.x), np.asarray(rows.y), np.asarray(rows.count))
+            return rows
         key = (t * FINE).astype(np.int64) * 5 + np.round(share * 4.0).astype(np.int64)
         sums = np.array([np.bincount(key, values) for values in (None, t, share, rows.y)])
         count, *means = sums[:, sums[0] > 0.0]
@@ -115,9 +115,16 @@ class CalibrationData:
         return position_edges(self.few.x[:, 0], self.rows.y.size)
 
     @property
+    def branches(self) -> int:
+        """Number of curves."""
+        return 1 if self.dead_band is None else 2
+
+    @property
     def places(self) -> int:
-        """Number of positions of readings; in a sweep that of distinct readings."""
-        return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
+        """Number of positions of readings, in a sweep of distinct readings, that a branch has."""
+        distinct = np.unique(self.few.x[:, 0]).size
+        places = distinct if self.edges is None else self.edges.size + 1
+        return min(places, self.rows.y.size // self.branches)
 
     def words(self, scaled: float) -> str:
         """A difference of positions in words."""

@@ -60,14 +60,13 @@ class CurveFit:
 def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> CurveFit:
     """Choose and fit a curve to the samples."""
     options = request.options
-    branches = 1 if data.dead_band is None else 2
     rows, ends = data.few, None
     if options.endpoints == "fixed":
         ends = _mean_ends(data.rows)
         weight = np.append(rows.count, np.full(4, 1e8 * rows.count.sum()))
         rows = MapRows(np.vstack((rows.x, ends.x)), np.append(rows.y, ends.y), weight)
-    _check_enough(data, BezierModel(options.degree_wanted or 1, branches))
-    fit, scores = _search_degree(rows, data, branches, request)
+    _check_enough(data, BezierModel(options.degree_wanted or 1, data.branches))
+    fit, scores = _search_degree(rows, data, request)
     fit, notices = _keep_monotone(rows, data, fit, options.monotone)
     misfit, spread = _spread(data, fit, ends)
     plain, unsure = _drop_weights(rows, data, fit, spread, bool(scores))
@@ -100,7 +99,7 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
         return request.options.dead_band
     from scipy.optimize import minimize_scalar
 
-    model = BezierModel(min(4, _highest_degree(data, 1)))
+    model = BezierModel(min(4, _highest_degree(data)))
     pooled = fit_map(model, data.few, model.starts(data.few)[:1])
     finest = data.readings[1] * max(
         2.0 * float(np.diff(np.unique(data.few.x[:, 0])).min()), MATTERS
@@ -123,25 +122,24 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     return float(finest * 2.0**refined.x)
 
 
-def _highest_degree(data: CalibrationData, branches: int) -> int:
+def _highest_degree(data: CalibrationData) -> int:
     """Highest degree that automatic choice tries: three positions are left over at least."""
-    least = min(data.places, data.rows.y.size / branches)
-    return int(np.clip((least - 4) // 2, 1, MOST))
+    return int(np.clip((data.places - 4) // 2, 1, MOST))
 
 
 def _search_degree(
-    rows: MapRows, data: CalibrationData, branches: int, request: Request[PotentiometerOptions]
+    rows: MapRows, data: CalibrationData, request: Request[PotentiometerOptions]
 ) -> tuple[BezierFit, list[FloatArray]]:
     """Fit all degrees up to the one wanted; without one, choose by cross-validation.
 
     Each degree starts from the one before, elevated, as well: more degrees never fit worse.
     """
     wanted = request.options.degree_wanted
-    highest = wanted or _highest_degree(data, branches)
+    highest = wanted or _highest_degree(data)
     request.progress(f"fitting curves up to degree {highest}")
     ladder: list[BezierFit] = []
     for degree in range(1, highest + 1):
-        model = BezierModel(degree, branches)
+        model = BezierModel(degree, data.branches)
         starts = model.starts(rows)
         if ladder:
             before = ladder[-1].model.curves(ladder[-1].theta)
@@ -291,7 +289,7 @@ def _spread(
     rows = data.rows
     rest, columns, gain = rows.residual(fit), rows.slopes(fit), np.eye(int(fit.free.sum()))
     if ends is not None:
-        columns, gain = _with_measured_ends(fit, rows, np.asarray(columns), ends)
+        columns, gain = _with_measured_ends(fit, rows, columns, ends)
     misfit = find_misfit(rows.x[:, 0], rest, fit.model.unknowns, data.edges)
     spread = find_uncertainty(data.by_log(columns), data.by_log(rest), misfit, data.in_order)
     if not np.all(np.isfinite(spread.covariance)):
@@ -337,15 +335,16 @@ def _few_positions_notice(data: CalibrationData, fit: BezierFit, chosen: bool) -
             "Record positions there.",
         )
         return
-    positions, highest = data.places, _highest_degree(data, model.branches)
+    highest = _highest_degree(data)
     given = not chosen and model.degree == highest > 1
     if model.degree < highest or highest == MOST or given:
         return
+    each = " in each direction" if model.branches > 1 else ""
     yield Notice(
         "few-positions",
-        f"{positions} positions cannot show whether the curve bends more often than one of degree "
-        f"{model.degree}, the highest they can test: between them it may be off by far more "
-        f"than the intervals say. Record {2 * model.degree + 6} positions or more, spread "
+        f"{data.places} positions{each} cannot show whether the curve bends more often than one of "
+        f"degree {model.degree}, the highest they can test: between them it may be off by far more "
+        f"than the intervals say. Record {2 * model.degree + 6} positions or more{each}, spread "
         "over the whole range; more readings at the same positions do not help.",
     )
 
