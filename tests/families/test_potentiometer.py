@@ -673,6 +673,20 @@ def test_parameters_with_several_values_cannot_be_fixed() -> None:
         fit(sample(np.random.default_rng(0)), fixed={"weights": 1.0})
 
 
+@pytest.mark.parametrize(
+    ("given", "branches"),
+    [({"fixed": 6.0}, "pooled"), ({"bounds": (1.0, 6.0)}, "two"), ({"start": 6.0}, "two")],
+)
+def test_what_is_given_of_the_dead_band_counts_or_is_refused(
+    given: dict[str, Any], branches: str
+) -> None:
+    """It was left aside without a word: a dead band of 97 with bounds of 1 to 6, and pass."""
+    asked: dict[str, Any] = {k: {"hysteresis_dead_band": v} for k, v in given.items()}
+    request = Request(options=PotentiometerOptions.read({"branches": branches}), **asked)
+    with pytest.raises(UsageError, match=r"dead.band"):
+        FAMILY.estimate(VARIANT, [with_hysteresis(1500)], request)
+
+
 # ------------------------------------------------------------------- block, file, speed
 
 

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import UsageError
 from ...estimation.blocks import joined
 from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold, where_both
@@ -121,6 +122,7 @@ class Potentiometer(Family[PotentiometerOptions]):
     ) -> Solution[PotentiometerOptions]:
         """Fit the curve; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
+        _check_dead_band(request)
         data, options, notices = prepare(experiments, request.options)
         request = replace(request, options=options)
         band = find_dead_band(data, request) if options.branches == "two" else None
@@ -220,3 +222,18 @@ class Potentiometer(Family[PotentiometerOptions]):
     def block(self, variant: Variant, document: ParameterDocument) -> PotentiometerBlock:
         """Return the calibration that a controller calls."""
         return PotentiometerBlock(document, variant)
+
+
+def _check_dead_band(request: Request[PotentiometerOptions]) -> None:
+    """Refuse what is given of the dead band and could not count (``UsageError``)."""
+    name = "hysteresis_dead_band"
+    if name in request.start or name in request.bounds:
+        raise UsageError(
+            f"{name} is searched among all that the readings allow: it has no start and no bounds",
+            remedy=f"Leave them out, or give --fix {name}=VALUE.",
+        )
+    if name in request.fixed and request.options.branches == "pooled":
+        raise UsageError(
+            f"--fix {name}=...: one curve for both directions has no dead band",
+            remedy="Give --branches two as well, or leave it out.",
+        )
