@@ -45,10 +45,10 @@ BezierFit = MapFit[BezierModel]
 
 @dataclass(frozen=True)
 class CurveFit:
-    """A chosen curve: the fit, covariance of control points and log weights, notices.
+    """A chosen curve: the fit, covariance of control points [SI] and weights, notices.
 
     ``scores`` are mean squares of the folds held out, by degree; none where one was given.
-    ``spread`` is in scaled units, its rows ``P_0..P_N, log w_0/w_0..log w_N/w_0`` per branch.
+    The rows of ``spread`` are ``P_0..P_N, w_0..w_N`` per branch.
     """
 
     fit: BezierFit
@@ -205,8 +205,8 @@ def _keep_monotone(
     """Make the curve monotone unless the data contradict that, and report the loss of fit."""
     if wanted is False or all(is_monotone(*c) for c in fit.model.curves(fit.theta)):
         return fit, []
-    line = np.polynomial.Polynomial.fit(rows.x[:, 0], rows.y, 1).convert()
-    model = replace(fit.model, direction=1 if line.coef[-1] > 0.0 else -1)
+    line = np.polynomial.polynomial.polyfit(rows.x[:, 0], rows.y, 1)
+    model = replace(fit.model, direction=1 if line[1] > 0.0 else -1)
     starts = [model.start(rows, [w for _, w in fit.model.curves(fit.theta)]), *model.starts(rows)]
     kept = fit_map(model, rows, starts)
     ratio = np.sqrt(data.rows.squares(kept) / max(data.rows.squares(fit), 1e-300))
@@ -246,7 +246,8 @@ def _drop_weights(
     degree was ``chosen`` here, or given.
     """
     model = fit.model
-    widest = std_errors(spread, model.degree)[:, 1].max()
+    weights = [w for _, w in model.curves(fit.theta)]
+    widest = np.max(std_errors(spread, model.degree)[:, 1] / weights)
     if not model.rational or t_quantile(0.975, spread.degrees) * widest <= LOG_WEIGHT_LIMIT:
         return fit, []
     straight = replace(model, rational=False, direction=0)
@@ -271,7 +272,7 @@ def _drop_weights(
 
 
 def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
-    """Standard errors of the control points and of the log weights, ``(branches, 2, N + 1)``."""
+    """Standard errors of control points [SI] and weights, shape ``(branches, 2, N + 1)``."""
     errors = np.sqrt(np.maximum(np.diag(spread.covariance), 0.0))
     return np.asarray(errors.reshape(-1, 2, degree + 1))
 
@@ -279,7 +280,7 @@ def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
 def _spread(
     data: CalibrationData, fit: BezierFit, ends: MapRows | None
 ) -> tuple[Misfit | None, Uncertainty]:
-    """Lack of fit, and covariance of control points and log weights.
+    """Lack of fit, and covariance of control points [SI] and weights.
 
     Raises
     ------
@@ -298,8 +299,10 @@ def _spread(
             expected="Nothing was written.",
             remedy="Give a lower --degree, or record the whole range in both directions.",
         )
+    curves, stroke = fit.model.curves(fit.theta), data.positions[1]
+    scale = np.concatenate([np.append(np.full(p.size, stroke), w) for p, w in curves])
     expansion = np.kron(np.eye(fit.model.branches), fit.model.expansion)
-    matrix = expansion[:, fit.free] @ gain
+    matrix = scale[:, None] * expansion[:, fit.free] @ gain
     return misfit, replace(spread, covariance=matrix @ spread.covariance @ matrix.T)
 
 

@@ -27,10 +27,9 @@ def curve_quantities(
     limit = 2.0 * LOG_WEIGHT_LIMIT + 1e-9
     out: dict[str, Quantity] = {}
     names: list[str] = []
-    scales: list[FloatArray] = []
     each = zip(SECOND, model.curves(found.fit.theta), std_errors(found.spread, model.degree))
-    for suffix, (p, w), (points, logs) in each:
-        value, error = base + stroke * p, stroke * points
+    for suffix, (p, w), (error, of_weights) in each:
+        value = base + stroke * p
         ends = value[:, None] + np.outer(quantile * error, (-1.0, 1.0))
         out[f"control_points{suffix}"] = Quantity(
             value.tolist(), data.output.unit, "estimated", error.tolist(), ends.tolist(), "wald"
@@ -38,19 +37,15 @@ def curve_quantities(
         out[f"weights{suffix}"] = Quantity(w.tolist(), "1", "not_identified")
         if model.rational:
             log = np.log(w)[:, None]
-            ends = np.clip(log + np.outer(quantile * logs, (-1.0, 1.0)), -limit, limit)
+            ends = np.clip(log + np.outer(quantile * of_weights / w, (-1.0, 1.0)), -limit, limit)
             ends = w[:, None] * np.exp(ends - log)
             out[f"weights{suffix}"] = Quantity(
-                w.tolist(), "1", "estimated", (w * logs).tolist(), ends.tolist(), "wald-log"
+                w.tolist(), "1", "estimated", of_weights.tolist(), ends.tolist(), "wald-log"
             )
-        names += [
-            f"{name}{suffix}[{i}]" for name in ("control_points", "weights") for i in range(n)
-        ]
-        scales += [np.full(n, stroke), w]
-    scale = np.concatenate(scales)
-    matrix = found.spread.covariance * np.outer(scale, scale)
-    kept = np.flatnonzero(np.diag(matrix) > 0.0)
-    return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)]
+        for name in ("control_points", "weights"):
+            names += [f"{name}{suffix}[{i}]" for i in range(n)]
+    kept = np.flatnonzero(np.diag(found.spread.covariance) > 0.0)
+    return out, tuple(names[i] for i in kept), found.spread.covariance[np.ix_(kept, kept)]
 
 
 def derived_quantities(
@@ -58,7 +53,7 @@ def derived_quantities(
 ) -> dict[str, Quantity]:
     """Sizes of the calibration; the stroke, a difference of two control points, with its error."""
     c, n = found.spread.covariance, found.fit.model.degree
-    error = data.positions[1] * float(np.sqrt(max(c[0, 0] + c[n, n] - 2.0 * c[0, n], 0.0)))
+    error = float(np.sqrt(max(c[0, 0] + c[n, n] - 2.0 * c[0, n], 0.0)))
     return {
         name: Quantity(size, data.output.unit, "derived", error if name == "stroke" else None)
         for name, size in calibration.sizes.items()
