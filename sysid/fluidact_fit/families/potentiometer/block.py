@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -71,19 +70,8 @@ class PotentiometerBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Position of a reading, and the reading at a position of a monotone curve."""
-        c, output, name = self._calibration, self.output.unit, called(self.output.unit)
-        reading = replace(self.argument("reading", "raw reading"), low=c.low, high=c.high)
-        draft = Draft(name, f"{name.capitalize()} of a reading.", output)
-        t = draft.let("place", _place(c, draft.argument(reading)))
-        share = _share(c, draft)
-        if share is None:
-            found = [draft.returns(_value(c, t, None))]
-        else:
-            found = [draft.returns(_value(c, t, draft.let("share", share)))]
-            found.append(_tracking(c, name, output, reading))
-        if c.monotone:
-            found.append(_inverse(c, name, output, reading.unit))
-        return found
+        unit = self.argument("reading", "raw reading").unit
+        return routines_of(self._calibration, unit, self.output.unit)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Positions of a recording; see :meth:`.Block.predict`."""
@@ -190,6 +178,22 @@ def _share(c: Calibration, draft: Draft) -> Expression | None:
     return 0.5 + 0.5 * draft.argument(
         Argument("direction", "1", "1 rising, -1 falling, 0 between", -1.0, 1.0)
     )
+
+
+def routines_of(c: Calibration, unit: str, output: str = "m") -> Sequence[Routine]:
+    """Return the routines; ``unit`` is that of the reading, ``output`` that of the reference."""
+    reading, name = Argument("reading", unit, "raw reading", c.low, c.high), called(output)
+    draft = Draft(name, f"{name.capitalize()} of a reading.", output)
+    t = draft.let("place", _place(c, draft.argument(reading)))
+    share = _share(c, draft)
+    if share is None:
+        found = [draft.returns(_value(c, t, None))]
+    else:
+        found = [draft.returns(_value(c, t, draft.let("share", share)))]
+        found.append(_tracking(c, name, output, reading))
+    if c.monotone:
+        found.append(_inverse(c, name, output, unit))
+    return found
 
 
 def _inverse(c: Calibration, name: str, output: str, unit: str) -> Routine:
