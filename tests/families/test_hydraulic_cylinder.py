@@ -607,6 +607,27 @@ def test_picture_shows_the_flow_near_zero_command(neural: FitResult) -> None:
     assert [c.label for c in plain.curves] == ["valve and line"]
 
 
+def test_a_chamber_of_one_log_has_a_network_like_the_other() -> None:
+    """Its only log judged: the network had no rows to be trained on, and an unknown error came."""
+    logs = [dict(zip(("time", *ROLES), rows.T)) for rows in long_logs()]
+    for k, log in enumerate(logs):
+        del log["pressure_1" if k == 2 else "pressure_2"]
+    found = ff.fit("hydraulic-cylinder", logs, units=attacks.UNITS, flow="mlp", **GIVEN)
+    tables = (found.document.fit.details or {})["comparisons"]
+    windows = [(r["chamber"], r["windows"]) for r in tables["Flow: models on held-out windows"]]
+    assert {c for c, n in windows if n >= 50} == {1, 2}
+
+
+def test_a_network_needs_steady_commands() -> None:
+    """A command that hardly ever rests left a handful of windows, and the network took them."""
+    time = 1e-3 * np.arange(1000)
+    rows = simulate(2.0 * np.sin(5.0 * np.pi * time))
+    log = dict(zip(("time", *ROLES), rows.T))
+    given = {n: v for n, v in GIVEN.items() if n != "mass"}
+    with pytest.raises(LogError, match="rows of flow can be had"):
+        ff.fit("hydraulic-cylinder", log, units=attacks.UNITS, flow="mlp", **given)
+
+
 def test_networks_come_back_from_the_file(neural: FitResult, tmp_path: Path) -> None:
     block = ff.load(neural.save(tmp_path / "x.yaml"))
     assert isinstance(block, HydraulicBlock)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,27 @@ LAYERS = (
     "weights_1", "biases_1", "weights_2", "biases_2",
     "input_offset", "input_scale", "output_offset", "output_scale",
 )  # fmt: skip
-_FEW = 5  # windows that a comparison needs
-_HIDDEN = {"flow": 10, "friction": 6}  # units of the networks
-_WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
+_FEW = 5  # rows that a comparison needs
+_TRAINED = 40  # rows that a network needs
+_MOST = 1500  # rows a network is trained on, before those near zero are repeated
+_Rows = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 
 
-def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> ScaledNetwork:
-    """Train on inputs ``(n, inputs)`` and a target ``(n,)`` in any units; see :func:`search`."""
-    scaling = Scaling.of(inputs, target)
-    rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
-    x, y = scaling.inputs(inputs), scaling.output(target)
-    return ScaledNetwork(search(x, y, Training((hidden,), starts=8), rng)[0].network, scaling)
+@dataclass(frozen=True)
+class _Rival:
+    """Units of a network, and the words for what it competes with: law, unit, either range."""
+
+    units: int
+    law: str
+    unit: str
+    near: str
+    away: str
+
+
+_RIVALS = {
+    "flow": _Rival(10, "orifice", "m3/s", "near zero command", "away from zero command"),
+    "friction": _Rival(6, "coulomb", "N", "slow", "moving"),
+}
 
 
 def network_of(parameters: Mapping[str, Any], name: str) -> ScaledNetwork | None:
@@ -49,28 +60,77 @@ def fit_networks(setup: Setup, values: Values) -> tuple[dict[str, Quantity], dic
     Returned are the layers, their standardisation in SI units, and the comparisons as rows of
     tables by title, for the file and the report.
     """
-    nets: dict[str, ScaledNetwork] = {}
+    layers: dict[str, Quantity] = {}
     tables: dict[str, list[dict[str, Any]]] = {}
-    if setup.options.flow == "mlp":
-        windows, table = _quiet_windows(setup), []
-        for chamber in setup.chambers:
-            own = [w for w in windows if w.chamber == chamber]
-            nets[f"flow_{chamber}"], found = _flow_network(setup, own, values)
-            table += [{"chamber": chamber, **row} for row in found]
-        tables["Flow: models on held-out windows"] = table
+
+    def enter(name: str, about: Mapping[str, Any], rows: _Rows, near: float) -> None:
+        option = name.partition("_")[0]
+        net, table = _compete(option, rows, near, setup.request.seed)
+        for layer, numbers in net.numbers().items():
+            layers[f"{name}_{layer}"] = Quantity(np.atleast_1d(numbers).tolist(), "1", "estimated")
+        title = f"{option.capitalize()}: models on held-out windows"
+        if table:
+            tables[title] = [*tables.get(title, []), *({**about, **row} for row in table)]
+
+    windows = _quiet_windows(setup) if setup.options.flow == "mlp" else []
+    for c in setup.chambers if windows else ():
+        own = [w for w in windows if w.chamber == c]
+        errors = np.concatenate([w.modelled(values) - w.motion for w in own])
+        rows = *_flow_rows(own, values), errors, _held_out(own)
+        enter(f"flow_{c}", {"chamber": c}, rows, _near_zero(own, values))
     if setup.options.friction == "mlp":
-        nets["friction"], table = _friction_network(setup, values)
-        tables["Friction: models on held-out windows"] = table
-    layers = {
-        f"{name}_{layer}": Quantity(np.atleast_1d(numbers).tolist(), "1", "estimated")
-        for name, net in nets.items()
-        for layer, numbers in net.numbers().items()
-    }
-    return layers, {title: table for title, table in tables.items() if table}
+        speed, force = setup.friction.speed, setup.friction.force
+        errors, held = FrictionLaw.of(values).moving(speed) - force, np.arange(speed.size) // 20
+        enter("friction", {}, (speed[:, None], force, errors, held % 4 == 3), setup.friction.slow)
+    return layers, tables
+
+
+def _held_out(windows: Sequence[Windows]) -> BoolArray:
+    """Windows that judge: the last of three logs or more, else the last quarter of each log."""
+    logs = [w for w in windows if w.first.size]
+    if len(logs) > 2:
+        return np.concatenate([np.full(w.first.size, w is logs[-1]) for w in windows])
+    return np.concatenate([w.first >= 0.75 * w.experiment.samples for w in windows])
+
+
+def _compete(
+    option: str, rows: _Rows, near: float, seed: int
+) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
+    """Train a network, and give root mean squares of its errors and those of the equation.
+
+    ``rows`` are inputs, ``(n, q)``, target, errors of the equation and a mask of what is held out,
+    ``(n,)`` each. Training rows whose first input is below ``near`` are repeated until they are
+    half of all: their targets are small and would hardly count.
+    """
+    inputs, target, errors, held = rows
+    rival, size, chosen = _RIVALS[option], np.abs(inputs[:, 0]), np.flatnonzero(~held)
+    if chosen.size < _TRAINED:
+        raise LogError(
+            f"only {chosen.size} rows of {option} can be had from the logs",
+            expected=f"A network needs {_TRAINED} or more.",
+            remedy="Record both pressures in one log over strokes at steady commands and give both "
+            f"areas, or leave out --{option} mlp.",
+        )
+    chosen = chosen[:: -(-chosen.size // _MOST)]
+    close = chosen[size[chosen] < near]
+    if close.size:
+        chosen = np.concatenate((chosen, np.tile(close, max(chosen.size // close.size - 1, 0))))
+    scaling = Scaling.of(inputs[chosen], target[chosen])
+    x, y = scaling.inputs(inputs[chosen]), scaling.output(target[chosen])
+    rng = np.random.default_rng([seed, rival.units, x.shape[1]])
+    found = search(x, y, Training((rival.units,), starts=8), rng)[0]
+    net, table = ScaledNetwork(found.network, scaling), []
+    both = {rival.law: errors, "network": net(inputs) - target}
+    for where, part in ((rival.near, held & (size <= near)), (rival.away, held & (size > near))):
+        if part.sum() >= _FEW:
+            rms = {n: float(np.sqrt(np.mean(e[part] ** 2))) for n, e in both.items()}
+            of = {"where": where, "limit": near, "unit": rival.unit, "windows": int(part.sum())}
+            table.append({**of, **rms})
+    return net, table
 
 
 def _quiet_windows(setup: Setup) -> list[Windows]:
-    """Overlapping windows in which the command hardly moves.
+    """Overlapping windows in which the command hardly moves, of every chamber of every log.
 
     The mean flow belongs to the mean command only while the command stays on one side of an
     edge of the dead zone.
@@ -80,14 +140,7 @@ def _quiet_windows(setup: Setup) -> list[Windows]:
     for w in windows:
         spread = [np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)]
         out.append(w.chosen(np.array(spread) <= most))
-    return [w for w in out if w.first.size]
-
-
-def _held_out(setup: Setup, w: Windows) -> BoolArray:
-    """Windows that judge: the last of three logs or more, else the last quarter of each log."""
-    if len(setup.experiments) > 2:
-        return np.full(w.first.size, w.index == len(setup.experiments) - 1)
-    return np.asarray(w.first >= 0.75 * w.experiment.samples)
+    return out
 
 
 def _near_zero(windows: Sequence[Windows], values: Values) -> float:
@@ -97,66 +150,11 @@ def _near_zero(windows: Sequence[Windows], values: Values) -> float:
     return min(max(2.0 * edge, 0.05 * volts), 0.3 * volts)
 
 
-def _flow_network(
-    setup: Setup, windows: Sequence[Windows], values: Values
-) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
-    """Network of one chamber's flow from command and pressure, beside the equations.
-
-    Rows near zero command are repeated until they are half of all. Their flows are small:
-    unweighted, they would hardly count.
-    """
-    near, held = _near_zero(windows, values), [_held_out(setup, w) for w in windows]
-    inputs, flow = _flow_rows([w.chosen(~h) for w, h in zip(windows, held)], values)
-    rows = np.arange(0, flow.size, max(1, -(-flow.size // _WINDOWS)))
-    close = rows[np.abs(inputs[rows, 0]) < near]
-    if close.size:
-        rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
-    net = _train(inputs[rows], flow[rows], _HIDDEN["flow"], setup.request.seed)
-    tests = [w.chosen(h) for w, h in zip(windows, held)]
-    inputs, flow = _flow_rows(tests, values)
-    law = np.concatenate([w.modelled(values) - w.motion for w in tests])
-    errors = {"orifice": law, "network": net(inputs) - flow}
-    words = "near zero command", "away from zero command"
-    return net, _compare(np.abs(inputs[:, 0]), near, errors, words, "m3/s")
-
-
 def _flow_rows(windows: Sequence[Windows], values: Values) -> tuple[FloatArray, FloatArray]:
     """Inputs (command, pressure) and flow of every window, ``(m, 2)`` and ``(m,)``."""
     beta = values.get("bulk_modulus", np.inf)
     inputs = [np.column_stack((w.mean_command, w.mean_pressure)) for w in windows]
     return np.concatenate(inputs), np.concatenate([w.motion - w.swelling / beta for w in windows])
-
-
-def _friction_network(setup: Setup, values: Values) -> tuple[ScaledNetwork, list[dict[str, Any]]]:
-    """Network of the friction over speed, beside Coulomb and viscous friction."""
-    speed, force = setup.friction.speed, setup.friction.force
-    if speed.size < 40:
-        raise LogError(
-            f"only {speed.size} rows of friction can be had from the logs",
-            expected="A network needs 40 or more.",
-            remedy="Record both pressures in one log and give both areas, or leave out "
-            "--friction mlp.",
-        )
-    held = (np.arange(speed.size) // 20) % 4 == 3
-    net = _train(speed[~held, None], force[~held], _HIDDEN["friction"], setup.request.seed)
-    v, f = speed[held], force[held]
-    edge = 0.1 * float(np.quantile(np.abs(speed), 0.95))
-    errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
-    return net, _compare(np.abs(v), edge, errors, ("slow", "moving"), "N")
-
-
-def _compare(
-    size: FloatArray, limit: float, errors: Mapping[str, FloatArray], words: tuple[str, str],
-    unit: str,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Root mean squares of the errors below a limit of the input and above it."""
-    out = []
-    for where, rows in zip(words, (size <= limit, size > limit)):
-        if rows.sum() >= _FEW:
-            rms = {n: float(np.sqrt(np.mean(e[rows] ** 2))) for n, e in errors.items()}
-            part = {"where": where, "limit": limit, "unit": unit, "windows": int(rows.sum())}
-            out.append({**part, **rms})
-    return out
 
 
 def flow_curve(setup: Setup, parameters: Mapping[str, Value]) -> PhysicsView | None:
@@ -171,8 +169,6 @@ def flow_curve(setup: Setup, parameters: Mapping[str, Value]) -> PhysicsView | N
     """
     chamber, values = setup.chambers[0], scalars(parameters)
     windows = [w for w in _quiet_windows(setup) if w.chamber == chamber]
-    if not windows:
-        return None
     inputs, flow = _flow_rows(windows, values)
     net = network_of(parameters, f"flow_{chamber}")
     if net is not None:

@@ -34,10 +34,14 @@ class FrictionRows:
     in_time: bool = False
 
     @property
+    def slow(self) -> float:
+        """Speed up to which a row has no certain direction [m/s]."""
+        return 0.1 * float(np.quantile(np.abs(self.speed), 0.95)) if self.speed.size else 0.0
+
+    @property
     def moving(self) -> BoolArray:
         """Rows fast enough to have a direction."""
-        size = np.abs(self.speed)
-        return size > 0.1 * np.quantile(size, 0.95) if size.size else size > 0.0
+        return np.abs(self.speed) > self.slow
 
 
 @dataclass(frozen=True)
