@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +73,7 @@ class FrictionLaw:
             object.__setattr__(self, static, max(getattr(self, static), slowest))
 
     @classmethod
-    def of(cls, values: Mapping[str, float]) -> Self:
+    def of(cls, values: Mapping[str, Any]) -> Self:
         """Read the law off named parameters.
 
         ``viscous`` and ``coulomb`` stand for both directions where there are no one-sided

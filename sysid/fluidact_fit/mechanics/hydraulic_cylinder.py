@@ -40,7 +40,6 @@ GRAY_NAMES = (
 )  # fmt: skip
 LEAKAGE, LOAD, AIR = "leakage", "load", "air"
 THETA = (*GRAY_NAMES, *STRIBECK, EXPONENT, LEAKAGE, LOAD, AIR)
-FRICTION = ("viscous", "coulomb", *STRIBECK)
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 

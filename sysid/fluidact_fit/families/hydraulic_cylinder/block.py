@@ -15,10 +15,10 @@ from ...errors import UsageError
 from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, FloatArray
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import EDGES, FRICTION, LOSSES, Machine, chamber_flow
+from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, Machine, chamber_flow
 from ...routines import Argument, Routine
 from ...specification import scalars
-from .networks import NETWORKS, network_of
+from .networks import network_of
 from .options import HydraulicCylinderOptions
 from .routines import CylinderRoutines, feeding_chamber
 from .setup import read_machine
@@ -42,21 +42,12 @@ class HydraulicBlock(FlowBlock):
     def _machine(self) -> Machine:
         return read_machine(self._options, self._known)
 
-    def _values(self, *names: str) -> dict[str, float]:
-        return scalars({n: self.parameters[n] for n in names})
-
-    @property
-    def _law(self) -> FrictionLaw:
-        return FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
-
-    def _of_chamber(self, chamber: int) -> dict[str, float]:
-        """Arguments of the flow of one chamber."""
+    def _check_chamber(self, chamber: int) -> None:
         if chamber not in self._known:
             raise UsageError(
                 f"the file holds no valve gain of chamber {chamber}",
                 remedy="Fit logs that hold its pressure.",
             )
-        return self._values(f"valve_gain_{chamber}", *LOSSES[chamber], *EDGES)
 
     def _network(self, name: str, option: str) -> ScaledNetwork:
         net = network_of(self.parameters, name)
@@ -80,19 +71,20 @@ class HydraulicBlock(FlowBlock):
         network
             Whether to ask the network (``--flow mlp``) instead of the equation.
         """
+        self._check_chamber(chamber)
         self.watch(**{"command": command, f"pressure_{chamber}": pressure})
         u, p = np.broadcast_arrays(np.asarray(command, float), np.asarray(pressure, float))
         if network:
             net = self._network(f"flow_{chamber}", "flow")
             return net(np.column_stack((u.ravel(), p.ravel()))).reshape(u.shape)
-        return chamber_flow(chamber, u, p, self._of_chamber(chamber), self._machine)
+        return chamber_flow(chamber, u, p, self.parameters, self._machine)
 
     def friction(self, velocity: npt.ArrayLike, *, network: bool = False) -> FloatArray:
         """Friction of the moving piston [N] at velocities [m/s]: of the law, or of the network."""
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
-        return self._law.moving(v)
+        return FrictionLaw.of(self.parameters).moving(v)
 
     def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
         """Steady speed for a command [V] and the measured pressures [Pa], in m/s.
@@ -113,18 +105,17 @@ class HydraulicBlock(FlowBlock):
         """
         if velocity == 0.0:
             return 0.0
-        extending = velocity > 0.0
-        chamber = feeding_chamber(self._known, extending)
+        way, sign = (0, 1.0) if velocity > 0.0 else (1, -1.0)
+        chamber, m = feeding_chamber(self._known, velocity > 0.0), self._machine
         pressure = (pressure_1, pressure_2)[chamber - 1]
-        m, v, way = self._machine, self._of_chamber(chamber), 0 if extending else 1
-        drop = float(m.pressure_drop(chamber, np.array(extending), pressure))
+        drop = float(m.pressure_drop(chamber, np.array(velocity > 0.0), pressure))
+        loss, edge, gain = LOSSES[chamber][way], EDGES[1 - way], f"valve_gain_{chamber}"
+        v = scalars({n: self.parameters[n] for n in (loss, edge, gain)})
         flow = abs(velocity) * m.area(chamber)
-        rest = drop - v[LOSSES[chamber][way]] * flow
-        sign = 1.0 if extending else -1.0
+        rest = drop - v[loss] * flow
         if rest <= 0.0:
             return sign * float("inf")
-        edge = v["dead_zone_positive" if extending else "dead_zone_negative"]
-        return edge + sign * flow / (v[f"valve_gain_{chamber}"] * float(np.sqrt(rest)))
+        return v[edge] + sign * flow / (v[gain] * float(np.sqrt(rest)))
 
     def methods(self) -> Mapping[str, Callable[..., Any]]:
         """Flows, speed and friction by the equations; see :meth:`.Block.methods`."""
@@ -135,20 +126,19 @@ class HydraulicBlock(FlowBlock):
         """Flows, steady speed, the command for a speed, friction, and the networks of the file."""
         names = ("command", "pressure_1", "pressure_2")
         known = {n: self.argument(n, "measured") for n in names if n in self.validity}
-        return self._routines(known).all()
+        return CylinderRoutines(self._machine, self.parameters, self._known, known).all()
 
     def plant_flows(self) -> tuple[Routine, Routine]:
         """Flows of both chambers at any pressure; see :meth:`.FlowBlock.plant_flows`."""
-        far = _FAR * self._machine.supply
-        known = {"command": self.argument("command", "of the valve")}
-        for name in ("pressure_1", "pressure_2"):
+        far, known = (
+            _FAR * self._machine.supply,
+            {"command": self.argument("command", "of the valve")},
+        )
+        for chamber in (1, 2):
+            self._check_chamber(chamber)
+            name = f"pressure_{chamber}"
             known[name] = Argument(name, "Pa", "of the chamber", -far, far, recorded=False)
-        return self._routines(known).flows()
-
-    def _routines(self, known: Mapping[str, Argument]) -> CylinderRoutines:
-        values = {i: self._of_chamber(i) for i in self._known}
-        nets = {n: net for n in NETWORKS if (net := network_of(self.parameters, n)) is not None}
-        return CylinderRoutines(self._machine, values, known, self._law, nets)
+        return CylinderRoutines(self._machine, self.parameters, self._known, known).flows()
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the inputs of an experiment; see :meth:`.Block.predict`.

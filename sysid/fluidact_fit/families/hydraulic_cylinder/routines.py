@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...estimation.named_model import Values
 from ...estimation.scaled_network import ScaledNetwork
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import LOSSES, Machine, chamber_flow
+from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, Machine, chamber_flow
 from ...routines import (
     Argument,
     Draft,
@@ -26,6 +27,7 @@ from ...routines import (
     minimum,
     sqrt,
 )
+from .networks import NETWORKS, network_of
 
 _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed
 
@@ -38,26 +40,25 @@ def feeding_chamber(known: Sequence[int], extending: bool) -> int:
 
 @dataclass(frozen=True)
 class CylinderRoutines:
-    """Constants of the routines.
+    """Routines of a file, whose parameters refuse what is not identified when it is needed.
 
-    ``values`` holds gain, losses and dead zone by chamber, ``known`` the arguments with the
-    ranges of the logs, ``networks`` those of the file by name.
+    ``chambers`` are those of known valve gain, ``known`` the arguments with the ranges of the logs.
     """
 
     machine: Machine
-    values: Mapping[int, Mapping[str, float]]
+    values: Values
+    chambers: Sequence[int]
     known: Mapping[str, Argument]
-    law: FrictionLaw
-    networks: Mapping[str, ScaledNetwork]
 
     def all(self) -> Sequence[Routine]:
         """Return every routine that the file has the numbers for."""
-        chambers = [i for i in self.values if f"pressure_{i}" in self.known]
+        chambers = [i for i in self.chambers if f"pressure_{i}" in self.known]
         found = [self._flow(i) for i in chambers]
         if chambers:
             found += [self._speed(chambers), self._command(chambers)]
-        networks = (self._network(name, net) for name, net in self.networks.items())
-        return (*found, self._friction(), *networks)
+        friction = self._friction(chambers)
+        nets = {n: net for n in NETWORKS if (net := network_of(self.values, n)) is not None}
+        return (*found, friction, *(self._network(n, net, friction) for n, net in nets.items()))
 
     def flows(self) -> tuple[Routine, Routine]:
         """Return the flows of both chambers, named as those of a plant."""
@@ -66,17 +67,21 @@ class CylinderRoutines:
 
     # ------------------------------------------------------------------------------ parts
 
+    def _drop(self, chamber: int, p: Expression, extending: bool) -> tuple[Expression, bool]:
+        """Pressure over valve and line, and whether the chamber's range of pressures turns it."""
+        m, reach = self.machine, self.known[f"pressure_{chamber}"]
+        if (chamber == 1) == extending:
+            return constant("supply", m.supply) - p, m.supply < reach.high
+        return p - constant("tank", m.tank), reach.low < m.tank
+
     def _one_way(self, chamber: int, u: Expression, p: Expression, extending: bool) -> Expression:
         """Size of the flow of a chamber in one direction of the command."""
-        v, m = self.values[chamber], self.machine
-        edge = v["dead_zone_positive"] if extending else -v["dead_zone_negative"]
-        k = maximum((u if extending else -u) - edge, 0.0) * v[f"valve_gain_{chamber}"]
-        loss = LOSSES[chamber][0 if extending else 1]
+        v, way = self.values, 0 if extending else 1
+        beyond = u - v[EDGES[1]] if extending else -u - -v[EDGES[0]]
+        k = maximum(beyond, 0.0) * v[f"valve_gain_{chamber}"]
+        loss = LOSSES[chamber][way]
         h = k * constant(f"half_{loss}", 0.5 * v[loss])
-        fed = (chamber == 1) == extending
-        drop = constant("supply", m.supply) - p if fed else p - constant("tank", m.tank)
-        reach = self.known[f"pressure_{chamber}"]
-        turns = m.supply < reach.high if fed else reach.low < m.tank
+        drop, turns = self._drop(chamber, p, extending)
         flow = sqrt(h * h + maximum(drop, 0.0)) - h
         if turns:  # the pressure was seen beyond that of supply or tank
             flow = flow - (sqrt(h * h + maximum(-drop, 0.0)) - h)
@@ -91,13 +96,10 @@ class CylinderRoutines:
         back = draft.let(f"backward_{chamber}", self._one_way(chamber, u, p, False))
         return draft.returns(there - back)
 
-    def _take(self, draft: Draft, chambers: Sequence[int]) -> dict[int, Expression]:
-        return {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}
-
     def _speed(self, chambers: Sequence[int]) -> Routine:
         draft = Draft("speed", "Steady speed for a command and measured pressures.", "m/s")
         u = draft.argument(self.known["command"])
-        p = self._take(draft, chambers)
+        p = {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}
         ways = []
         for extending in (True, False):
             i = feeding_chamber(chambers, extending)
@@ -110,7 +112,7 @@ class CylinderRoutines:
         u, p = self.known["command"], self.known[f"pressure_{chamber}"]
         ends = np.array([p.low, p.high])
         command = np.full(2, u.high if extending else u.low)
-        flow = chamber_flow(chamber, command, ends, self.values[chamber], self.machine)
+        flow = chamber_flow(chamber, command, ends, self.values, self.machine)
         return float(np.abs(flow).max()) / self.machine.area(chamber)
 
     def _command(self, chambers: Sequence[int]) -> Routine:
@@ -122,41 +124,39 @@ class CylinderRoutines:
         speed = draft.argument(
             Argument("velocity", "m/s", "wanted speed", slowest, fastest, recorded=False)
         )
-        p, found = self._take(draft, chambers), {}
+        p, found = {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}, {}
         for way, i in feeding.items():
-            v, sign, m = self.values[i], 1.0 if way else -1.0, self.machine
-            name = "forward" if way else "backward"
+            v, m = self.values, self.machine
+            name, sign = ("forward", 1.0) if way else ("backward", -1.0)
             area = constant(f"area_{i}", m.area(i))
             flow = draft.let(f"flow_{name}", maximum(speed * sign, 0.0) * area)
             supply = constant("supply", m.supply)
-            drop = supply - p[i] if (i == 1) == way else p[i] - constant("tank", m.tank)
+            drop, _ = self._drop(i, p[i], way)
             rest = draft.let(f"rest_{name}", drop - v[LOSSES[i][0 if way else 1]] * flow)
             least = constant("least_drop", _LEAST * m.supply)
             draft.flag(choose(flow, ">", 0.0, rest, supply), least)
             per_gain = constant(f"per_valve_gain_{i}", 1.0 / v[f"valve_gain_{i}"])
             beyond = flow * per_gain / sqrt(maximum(rest, least))
-            edge = v["dead_zone_positive" if way else "dead_zone_negative"]
-            found[way] = edge + sign * beyond
+            found[way] = v[EDGES[way]] + sign * beyond
         ends = (
             minimum(found[True], constant("highest", u.high)),
             maximum(found[False], constant("lowest", u.low)),
         )
         return draft.returns(by_sign(speed, *ends))
 
-    def _friction(self) -> Routine:
-        seen = [i for i in self.values if f"pressure_{i}" in self.known]
-        most = max((self._fastest(i, way) for i in seen for way in (True, False)), default=0.0)
+    def _friction(self, chambers: Sequence[int]) -> Routine:
+        most = max((self._fastest(i, way) for i in chambers for way in (True, False)), default=0.0)
         draft = Draft("friction", "Friction of the moving piston.", "N")
         v = draft.argument(
             Argument("velocity", "m/s", "speed of the piston", -most, most, recorded=False)
         )
-        return draft.returns(self.law.routine_value(v))
+        return draft.returns(FrictionLaw.of(self.values).routine_value(v))
 
-    def _network(self, name: str, net: ScaledNetwork) -> Routine:
+    def _network(self, name: str, net: ScaledNetwork, friction: Routine) -> Routine:
         about = f"{name.replace('_', ' ').capitalize()} by the network of the file."
-        draft = Draft(f"{name}_network", about, "N" if name == "friction" else "m3/s")
-        if name == "friction":
-            of: Sequence[Argument] = self._friction().arguments
-        else:
-            of = self.known["command"], self.known[f"pressure_{name.removeprefix('flow_')}"]
+        unit, of = "N", friction.arguments
+        if name != "friction":
+            pressure = self.known[f"pressure_{name.removeprefix('flow_')}"]
+            unit, of = "m3/s", (self.known["command"], pressure)
+        draft = Draft(f"{name}_network", about, unit)
         return draft.returns(net.draw(draft, [draft.argument(a) for a in of]))
