@@ -90,8 +90,9 @@ class _Search:
             self.setup.request.progress(
                 f"gray box: {end.iterations} steps, weighted error {end.point.cost:.6g}"
             )
-            old, self.sigma = self.sigma, _spread(end.point)
-            if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
+            spread = np.where(end.point.spread > 0.0, end.point.spread, 1.0)
+            self.sigma = self.sigma * spread
+            if np.all(np.abs(spread - 1.0) < 0.05):
                 break
         return end
 
@@ -144,14 +145,13 @@ class _Search:
         max_half_widths = {**sizes, **allowed_half_widths(self.unknowns), **friction}
         max_half_widths["bulk_modulus"] = _CERTAIN * solved.values["bulk_modulus"]
         max_half_widths |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
-        specs = [self.setup.variant.parameter(n) for n in solved.names]
         # Losses and dead zone are refused before the gains, which may be certain without them. Not
         # so the bulk modulus: without them it would look certain in logs of plateaus alone.
-        last = [s for s in specs if s.neutral is None and s.name != "bulk_modulus"]
-        groups = ([s for s in specs if s.name == "bulk_modulus"],
-                  [s for s in specs if s.neutral is not None], last)  # fmt: skip
-        for group in groups:
-            if refusals := find_uninformative(solved, {s.name: s for s in group}, max_half_widths):
+        specs = {n: self.setup.variant.parameter(n) for n in solved.names}
+        bulk = {n: s for n, s in specs.items() if n == "bulk_modulus"}
+        neutral = {n: s for n, s in specs.items() if s.neutral is not None}
+        for group in (bulk, neutral, specs):
+            if refusals := find_uninformative(solved, group, max_half_widths):
                 return refusals
         return []
 
@@ -263,14 +263,6 @@ def _friction_sizes(setup: Setup) -> dict[str, float]:
     force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
     speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in setup.experiments]
     return {"viscous": force / max(float(np.mean(speeds)), 1e-6), "coulomb": force}
-
-
-def _spread(point: GrayPoint) -> FloatArray:
-    """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
-    rows = np.hstack([r.reshape(3, -1) for r in point.residuals])
-    sigma = point.problem.sigma
-    spread = sigma * np.sqrt(np.mean(rows**2, axis=1))
-    return np.where(spread > 0.0, spread, sigma)
 
 
 def resonance(values: Mapping[str, Any], options: HydraulicCylinderOptions) -> dict[str, Any]:

@@ -89,6 +89,12 @@ class GrayPoint:
         return (channels / self.problem.sigma[:, None]).ravel()
 
     @cached_property
+    def spread(self) -> FloatArray:
+        """Root mean square of the weighted residuals of each channel over all logs, ``(3,)``."""
+        rows = np.hstack([r.reshape(3, -1) for r in self.residuals])
+        return np.sqrt(np.mean(rows**2, axis=1))
+
+    @cached_property
     def cost(self) -> float:
         """Sum of the squared weighted residuals, infinite where a simulation has run away."""
         with np.errstate(all="ignore"):
@@ -137,18 +143,16 @@ class GrayPoint:
         are added where they matter: a piston at rest is read with one error all the time, which
         the scores of two logs hardly show.
         """
-        problem = self.problem
-        channels = [[slice(k * n.samples, (k + 1) * n.samples) for k in range(3)]
-                    for n in problem.logs]  # fmt: skip
+        problem, rows = self.problem, [n.samples for n in self.problem.logs]
+        channels = [[slice(k * n, (k + 1) * n) for k in range(3)] for n in rows]
         by_scores = score_covariance(self.jacobian, self.residuals, channels)
         total = enlarge(by_scores.covariance, np.diag(self.bread) * self.cost / problem.rows)
         for k, sigma in enumerate(problem.sigma):
-            jacobian = [j[rows[k]] for j, rows in zip(self.jacobian, channels)]
-            residuals = [r[rows[k]] for r, rows in zip(self.residuals, channels)]
+            jacobian = [j[part[k]] for j, part in zip(self.jacobian, channels)]
+            residuals = [r[part[k]] for r, part in zip(self.residuals, channels)]
             readings = [(log.measured[k] / sigma, log.codes[k] / sigma) for log in problem.logs]
-            spread = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
-            if codes_matter(jacobian, readings, self.bread, total, spread):
-                noise = noise_beside(readings, spread)
+            if codes_matter(jacobian, readings, self.bread, total, self.spread[k]):
+                noise = noise_beside(readings, self.spread[k])
                 total = with_codes(total, jacobian, residuals, readings, self.bread, noise)
         return replace(by_scores, covariance=total)
 
@@ -181,9 +185,9 @@ def solve_gray_box(
     moving = list(initial or [log.guess[0] for log in problem.logs])
     starts = [GrayPoint(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
     best = _descend(min(starts, key=lambda s: s.cost), max_iterations)
-    if not np.isfinite(best.point.cost):
-        raise np.linalg.LinAlgError("the simulation leaves every measured range")
     end = best.point
+    if not np.isfinite(end.cost):
+        raise np.linalg.LinAlgError("the simulation leaves every measured range")
     rested = _rested(problem, end.initial)
     if max_iterations and any(a[3] != b[3] for a, b in zip(rested, end.initial)):
         other = _descend(GrayPoint(problem, end.values, rested), max_iterations)
@@ -195,9 +199,8 @@ def solve_gray_box(
 def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
     """Go to the minimum; unknowns are the parameters and the initial states, both scaled."""
     problem = begin.problem
-    names, scales = problem.names, np.array([u.scale for u in problem.free])
-    count, p = len(problem.logs), len(names)
-    size = np.concatenate((scales, np.tile(STATE_SCALE, count)))
+    names, p, count = problem.names, len(problem.free), len(problem.logs)
+    size = np.concatenate(([u.scale for u in problem.free], np.tile(STATE_SCALE, count)))
 
     def evaluate(x: FloatArray) -> GrayPoint:
         x = x * size
@@ -208,18 +211,18 @@ def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
     def slopes(point: GrayPoint) -> tuple[FloatArray, FloatArray]:
         gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
         for k, (j, residuals) in enumerate(zip(point.slopes, point.residuals)):
-            j = np.column_stack((j[:, 4:] * scales, j[:, :4]))
-            own = [*range(p), *range(p + 4 * k, p + 4 * k + 4)]
+            own = np.r_[p + 4 * k : p + 4 * k + 4, :p]
+            j = j * np.append(np.ones(4), size[:p])
             gradient[own] += j.T @ residuals
             curvature[np.ix_(own, own)] += j.T @ j
         return gradient, curvature
 
-    low, high = bounds_of(problem.free)
     open_end = np.full(4 * count, np.inf)
+    low, high = (np.append(ends, sign * open_end) / size
+                 for ends, sign in zip(bounds_of(problem.free), (-1.0, 1.0)))  # fmt: skip
     return minimise(
         evaluate, slopes,
-        np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size,
-        (np.append(low / scales, -open_end), np.append(high / scales, open_end)),
+        np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size, (low, high),
         rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
 
