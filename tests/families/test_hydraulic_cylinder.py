@@ -29,10 +29,11 @@ from fluidact_fit.families.hydraulic_cylinder.gray_box import (
     SLOPES,
     GrayBox,
     GrayLog,
+    GrayProblem,
     make_gray_log,
     mean_command,
+    solve_gray_box,
 )
-from fluidact_fit.families.hydraulic_cylinder.gray_search import GrayProblem, solve_gray_box
 from fluidact_fit.logs import StepInput
 from fluidact_fit.mechanics.hydraulic_cylinder import (
     GRAY_NAMES,

@@ -21,7 +21,7 @@ from ...specification import scalars
 from .networks import network_of
 from .options import HydraulicCylinderOptions
 from .routines import CylinderRoutines, feeding_chamber
-from .setup import read_machine
+from .setup import known_chambers, read_machine
 from .simulation import simulate_run
 
 _FAR = 100.0  # supply pressures: nothing that oil does goes as far
@@ -36,7 +36,7 @@ class HydraulicBlock(FlowBlock):
 
     @cached_property
     def _known(self) -> list[int]:
-        return [i for i in (1, 2) if f"valve_gain_{i}" in self.parameters]
+        return known_chambers(self.parameters)
 
     @cached_property
     def _machine(self) -> Machine:

@@ -45,7 +45,7 @@ from .gray_fit import fit_gray, resonance
 from .networks import LAYERS, NETWORKS, fit_networks, flow_curve
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
-from .setup import Setup, check_settled, make_setup
+from .setup import Setup, known_chambers, make_setup, read_machine
 from .simulation import simulate_runs
 from .unmodelled import unmodelled_effects
 
@@ -188,8 +188,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The equations' numbers, and checksums of the layers of the networks."""
-        check_settled(plant)
         v = plant.numbers
+        read_machine(plant.options, known_chambers(v))  # refuses a file that lacks some of it
         layers = checksums({n: x for n, x in plant.values.items() if n not in v})
         return {
             "hydraulic": {

@@ -1,18 +1,32 @@
-"""Simulation of pressures and motion over a log, with sensitivities."""
+"""Output error of pressures and position: simulation, sensitivities, and the search for a fit."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ...estimation.budget import simulated
+from ...estimation.converter_errors import codes_matter, noise_beside
 from ...estimation.inputs import piecewise
+from ...estimation.least_squares import orthonormal, without
+from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
+from ...estimation.noise import noise_floor
+from ...estimation.problem import Unknown, bounds_of
 from ...estimation.stribeck import EXPONENT
+from ...estimation.uncertainty import (
+    Uncertainty,
+    enlarge,
+    inverse_information,
+    score_covariance,
+    with_codes,
+)
 from ...experiment import Experiment, FloatArray
 from ...mechanics.coupled import InPlace, motion
+from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, Machine, parameter_vector
 from ...signals import smooth
 
@@ -24,6 +38,13 @@ _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
 _SEGMENT = 50  # samples that are integrated in one call
+_TOLERANCE = 1e-2  # standard errors
+_ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
+_DRAWS = 16  # of noise on a command
+_SEEN = 0.5  # share of the noise that the machine did not see: certainly less, and it saw it
+_SURE = 3.0  # standard errors
+_SPAN = 5  # samples of the median that takes the noise off a command
+STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 
 @dataclass(frozen=True)
@@ -154,3 +175,268 @@ class GrayBox:
             state[:, 0], held[:] = out[first], inputs[:, first:after]
             out[first + 1 : after + 1] = run().T
         return out[: log.samples].reshape(-1, 1 + columns, 4)
+
+
+@dataclass(frozen=True)
+class GrayProblem:
+    """Problem of a search: the machine and its logs, the free parameters, weights.
+
+    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m], infinite
+    where a channel does not count.
+    """
+
+    box: GrayBox
+    logs: Sequence[GrayLog]
+    free: Sequence[Unknown]
+    sigma: FloatArray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(u.name for u in self.free)
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals that count."""
+        return int(np.isfinite(self.sigma).sum()) * sum(log.samples for log in self.logs)
+
+
+@dataclass(frozen=True)
+class GrayPoint:
+    """All logs simulated with some parameters from some initial states.
+
+    ``values`` holds all parameters [SI], ``initial`` the state of every log at its beginning. Rows
+    of a log are its channels, one after the other, each divided by its ``sigma``.
+    """
+
+    problem: GrayProblem
+    values: dict[str, float]
+    initial: list[FloatArray]
+
+    @cached_property
+    def states(self) -> list[FloatArray]:
+        """p1, p2, y and v of every log, ``(n, 4)`` each [Pa, Pa, m, m/s]."""
+        pairs = zip(self.problem.logs, self.initial)
+        with np.errstate(all="ignore"):  # a simulation that has run away
+            return [self.problem.box.simulate(log, x, self.values) for log, x in pairs]
+
+    @cached_property
+    def residuals(self) -> list[FloatArray]:
+        """Weighted residuals of every log, ``(3 n,)`` each."""
+        with np.errstate(all="ignore"):
+            return [
+                self._weighted(log.measured - states.T[:3])
+                for log, states in zip(self.problem.logs, self.states)
+            ]
+
+    def _weighted(self, channels: FloatArray) -> FloatArray:
+        return (channels / self.problem.sigma[:, None]).ravel()
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """Root mean square of the weighted residuals of each channel over all logs, ``(3,)``."""
+        rows = np.hstack([r.reshape(3, -1) for r in self.residuals])
+        return np.sqrt(np.mean(rows**2, axis=1))
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of the squared weighted residuals, infinite where a simulation has run away."""
+        with np.errstate(all="ignore"):
+            cost = sum(float(r @ r) for r in self.residuals)
+        return cost if cost < _ASTRAY**2 * self.problem.rows else np.inf
+
+    @cached_property
+    def slopes(self) -> list[FloatArray]:
+        """Derivatives of the rows by initial state, scaled, and parameters, ``(3 n, 4 + p)``."""
+        columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.problem.names)]
+        out = []
+        for log, x in zip(self.problem.logs, self.initial):
+            found = self.problem.box.slopes(log, x, self.values)
+            rows = np.vstack([found[:, c, columns] / s for c, s in enumerate(self.problem.sigma)])
+            rows[:, :4] *= STATE_SCALE
+            out.append(rows)
+        return out
+
+    @cached_property
+    def start_basis(self) -> list[FloatArray]:
+        """Orthonormal basis of the effect of the initial state of every log on its rows.
+
+        A piston that sticks forgets the speed that it was said to begin with.
+        """
+        return [orthonormal(j[:, :4]) for j in self.slopes]
+
+    @cached_property
+    def jacobian(self) -> list[FloatArray]:
+        """Slopes by the free parameters, initial states projected out, ``(3 n, p)`` each."""
+        return [without(q, j[:, 4:]) for q, j in zip(self.start_basis, self.slopes)]
+
+    def change(
+        self, k: int, command: FloatArray, box: GrayBox | None = None, values: Values | None = None
+    ) -> FloatArray:
+        """Change of the rows of a log by its command or more, less what its start explains."""
+        log = replace(self.problem.logs[k], command=command)
+        moved = (box or self.problem.box).simulate(log, self.initial[k], values or self.values)
+        return without(self.start_basis[k], self._weighted((moved - self.states[k]).T[:3]))
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Covariance of the free parameters; the channels of a log share their errors.
+
+        No variance is less than that of white residuals: what a few hundred instants show of
+        their errors is less than there was, because the fit went after them. Errors of a converter
+        are added where they matter: a piston at rest is read with one error all the time, which
+        the scores of two logs hardly show.
+        """
+        problem, rows = self.problem, [n.samples for n in self.problem.logs]
+        channels = [[slice(k * n, (k + 1) * n) for k in range(3)] for n in rows]
+        by_scores = score_covariance(self.jacobian, self.residuals, channels)
+        total = enlarge(by_scores.covariance, np.diag(self.bread) * self.cost / problem.rows)
+        for k, sigma in enumerate(problem.sigma):
+            jacobian = [j[part[k]] for j, part in zip(self.jacobian, channels)]
+            residuals = [r[part[k]] for r, part in zip(self.residuals, channels)]
+            readings = [(log.measured[k] / sigma, log.codes[k] / sigma) for log in problem.logs]
+            if codes_matter(jacobian, readings, self.bread, total, self.spread[k]):
+                noise = noise_beside(readings, self.spread[k])
+                total = with_codes(total, jacobian, residuals, readings, self.bread, noise)
+        return replace(by_scores, covariance=total)
+
+    @cached_property
+    def bread(self) -> FloatArray:
+        """``inv(J'J)`` of the free parameters, ``(p, p)``."""
+        return inverse_information(np.vstack(self.jacobian))[0]
+
+
+def solve_gray_box(
+    problem: GrayProblem,
+    start: Values,
+    initial: Sequence[FloatArray] | None = None,
+    *,
+    max_iterations: int = 40,
+) -> Minimum[GrayPoint]:
+    """Minimise the weighted output error over parameters and initial states.
+
+    ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI], which
+    is guessed from the measured signals if left out.
+
+    Noise of the pressures may let a piston slip that sticks, which no small step of the search
+    undoes. Rest is therefore tried as well, at first and at the end.
+
+    Raises
+    ------
+    LinAlgError
+        Where no simulation follows the logs.
+    """
+    moving = list(initial or [log.guess[0] for log in problem.logs])
+    starts = [GrayPoint(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
+    best = _descend(min(starts, key=lambda s: s.cost), max_iterations)
+    end = best.point
+    if not np.isfinite(end.cost):
+        raise np.linalg.LinAlgError("the simulation leaves every measured range")
+    rested = _rested(problem, end.initial)
+    if max_iterations and any(a[3] != b[3] for a, b in zip(rested, end.initial)):
+        other = _descend(GrayPoint(problem, end.values, rested), max_iterations)
+        other = replace(other, iterations=best.iterations + other.iterations)
+        best = min((best, other), key=lambda m: m.point.cost)
+    return best
+
+
+def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
+    """Go to the minimum; unknowns are the parameters and the initial states, both scaled."""
+    problem = begin.problem
+    names, p, count = problem.names, len(problem.free), len(problem.logs)
+    size = np.concatenate(([u.scale for u in problem.free], np.tile(STATE_SCALE, count)))
+
+    def evaluate(x: FloatArray) -> GrayPoint:
+        x = x * size
+        values = {**begin.values, **dict(zip(names, x[:p].tolist()))}
+        return GrayPoint(problem, values, list(x[p:].reshape(-1, 4)))
+
+    @np.errstate(all="ignore")  # a simulation that has run away
+    def slopes(point: GrayPoint) -> tuple[FloatArray, FloatArray]:
+        gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
+        for k, (j, residuals) in enumerate(zip(point.slopes, point.residuals)):
+            own = np.r_[p + 4 * k : p + 4 * k + 4, :p]
+            j = j * np.append(np.ones(4), size[:p])
+            gradient[own] += j.T @ residuals
+            curvature[np.ix_(own, own)] += j.T @ j
+        return gradient, curvature
+
+    open_end = np.full(4 * count, np.inf)
+    low, high = (np.append(ends, sign * open_end) / size
+                 for ends, sign in zip(bounds_of(problem.free), (-1.0, 1.0)))  # fmt: skip
+    return minimise(
+        evaluate, slopes,
+        np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size, (low, high),
+        rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
+    )  # fmt: skip
+
+
+def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatArray]:
+    """The same beginnings with every log that hardly moves there at rest, forces balanced."""
+    machine, out = problem.box.machine, []
+    area = np.array([machine.area(1), -machine.area(2)])
+    for log, state in zip(problem.logs, initial):
+        slow = min(abs(state[3]), abs(log.guess[0, 3])) * float(np.median(log.step))
+        if slow < problem.sigma[2]:
+            state = np.append(state[:2] - area * (area @ state[:2]) / (area @ area), state[2:])
+            state[3] = 0.0
+        out.append(state)
+    return out
+
+
+def follow(
+    e: Experiment, machine: Machine, values: Values, start: FloatArray, sigma: Sequence[float]
+) -> FloatArray:
+    """States of one experiment, ``(n, 4)``.
+
+    They begin with ``start`` ``(4,)`` or, where the position was recorded, with the state that fits
+    best; ``sigma`` are the standard deviations of the residuals of the channels [Pa, Pa, m].
+    """
+    if "position" in e:
+        log = make_gray_log(e, machine)
+    else:
+        guess = np.tile(start, (e.samples, 1))
+        log = GrayLog(mean_command(e), np.diff(e.time), np.zeros((3, e.samples)), guess)
+    box = GrayBox.following([log], machine, values["viscous"], FrictionLaw.of(values).fall)
+    if "position" in e:
+        weights = np.array([s if c in e else np.inf for c, s in zip(CHANNELS, sigma)])
+        return solve_gray_box(GrayProblem(box, [log], (), weights), values).point.states[0]
+    with np.errstate(all="ignore"):  # it runs away where a chamber holds too little oil
+        return box.simulate(log, start, values)
+
+
+def moving_speeds(point: GrayPoint) -> FloatArray:
+    """Velocities while the piston moves, measured ones where it never does, ``(n,)`` [m/s]."""
+    v = np.concatenate([s[:, 3] for s in point.states])
+    if not v.any():
+        v = np.concatenate([log.guess[:, 3] for log in point.problem.logs])
+    return np.asarray(v[v != 0.0])
+
+
+def command_noise(point: GrayPoint) -> tuple[FloatArray, float]:
+    """Covariance of the free parameters by noise on the command, ``(p, p)``, from draws of it.
+
+    Returned as well is the largest standard deviation found on the command of a log [V]. A log
+    whose residuals show that the machine followed that noise counts for nothing: estimated beside
+    the parameters is the share that it did not follow of what a running median takes off. See
+    ``docs/theory/hydraulic-cylinder.md``.
+    """
+    from scipy.ndimage import median_filter
+
+    rng, bread = np.random.default_rng(0), point.bread
+    total, most = np.zeros_like(bread), 0.0
+    for k, log in enumerate(point.problem.logs):
+        noise = noise_floor(log.command, 4)
+        if noise == 0.0:
+            continue
+        column = point.change(k, median_filter(log.command, _SPAN, mode="nearest"))
+        own = point.jacobian[k].T @ column
+        size = max(float(column @ column - own @ bread @ own), 1e-300)
+        share = float(column @ point.residuals[k]) / size
+        if share + _SURE / np.sqrt(size) < _SEEN:
+            continue
+        most = max(most, noise)
+        draws = noise * rng.standard_normal((_DRAWS, log.command.size))
+        scores = [bread @ (point.jacobian[k].T @ point.change(k, log.command + d)) for d in draws]
+        total += np.transpose(scores) @ scores / _DRAWS
+    return total, most

@@ -24,8 +24,17 @@ from ...experiment import Experiment, FloatArray
 from ...family import NoiseModel, Plant, Simulated, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
-from .gray_box import CHANNELS, GrayBox, make_gray_log, mean_command
-from .gray_search import GrayPoint, GrayProblem, command_noise, moving_speeds, solve_gray_box
+from .gray_box import (
+    CHANNELS,
+    GrayBox,
+    GrayPoint,
+    GrayProblem,
+    command_noise,
+    make_gray_log,
+    mean_command,
+    moving_speeds,
+    solve_gray_box,
+)
 from .options import HydraulicCylinderOptions
 from .regression import allowed_half_widths, directional_gains, fit_flow, fit_friction
 from .setup import Setup, read_machine
@@ -268,8 +277,6 @@ def _friction_sizes(setup: Setup) -> dict[str, float]:
 def resonance(values: Mapping[str, Any], options: HydraulicCylinderOptions) -> dict[str, Any]:
     """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
     m, middle = read_machine(options, (1, 2)), np.array(options.rest_position or 0.0)
-    if not m.complete:  # a file that was changed: whoever simulates it says what it lacks
-        return {}
     mass = m.mass or 1.0
     compliance = sum(m.area(i) ** 2 / float(m.volume(i, middle)) for i in (1, 2))
     omega = np.sqrt(values["bulk_modulus"] * compliance / mass)

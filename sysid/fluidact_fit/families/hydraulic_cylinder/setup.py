@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import LogError, UsageError
 from ...experiment import BoolArray, Experiment, FloatArray
-from ...family import Plant, Request, Variant
+from ...family import Request, Variant
 from ...mechanics.hydraulic_cylinder import SIGN, Machine
 from ...signals import smooth
 from .options import HydraulicCylinderOptions
@@ -202,6 +202,11 @@ def _check_pressures(machine: Machine, experiments: Sequence[Experiment]) -> Non
         )
 
 
+def known_chambers(names: Collection[str]) -> list[int]:
+    """Chambers of which a file has the valve gain, by the names of its parameters."""
+    return [i for i in (1, 2) if f"valve_gain_{i}" in names]
+
+
 def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> Machine:
     """Read what is given.
 
@@ -236,20 +241,15 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
             f"{o.area_1:g} m2: the rod takes area off chamber 2",
             remedy="Correct --area-1 or --area-2 (m2), or exchange the chambers.",
         )
-    return Machine(
+    machine = Machine(
         o.area_1, o.area_2, o.dead_volume_1, o.dead_volume_2, o.mass, supply, o.tank_pressure
     )
-
-
-def check_settled(plant: Plant[HydraulicCylinderOptions]) -> None:
-    """Refuse a file without what its own simulation needs of the machine (``UsageError``)."""
-    chambers = tuple(i for i in (1, 2) if f"valve_gain_{i}" in plant.values)
-    machine = read_machine(plant.options, chambers)
-    if plant.options.stage == "gray-box" and not machine.complete:
+    if o.stage == "gray-box" and not machine.complete:
         raise UsageError(
             "--mass, --dead-volume-1 and --dead-volume-2 are needed with --stage gray-box",
             remedy="Give them, or fit again.",
         )
+    return machine
 
 
 def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:

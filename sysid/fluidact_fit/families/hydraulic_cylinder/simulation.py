@@ -14,12 +14,10 @@ from ...errors import LogError, UsageError
 from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated
-from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import Machine
-from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command
-from .gray_search import GrayProblem, solve_gray_box
+from .gray_box import CHANNELS, follow
 from .options import HydraulicCylinderOptions
-from .setup import check_volumes, read_machine
+from .setup import check_volumes, known_chambers, read_machine
 from .windows import cut_windows, mean_flow
 
 _NAME = "hydraulic-cylinder"
@@ -44,7 +42,7 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
         When an input is missing, a run has one sample only, or the piston would leave the range
         of the equations.
     """
-    known = [i for i in (1, 2) if f"valve_gain_{i}" in values]
+    known = known_chambers(values)
     machine = read_machine(options, known)
     if "position" in e:
         check_volumes(machine, [e])
@@ -55,7 +53,11 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
             remedy="Record longer; check --window where it was given.",
         )
     if options.stage == "gray-box":
-        states = _all_states(e, machine, values, options)
+        start = machine.at_rest(options.rest_position or 0.0)
+        sigma = [getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS]
+        states = follow(e, machine, values, start, sigma)
+        if "position" not in e:
+            _require_oil(e, machine, states[:, 2])
         also = {role: states[:, c] for c, role in enumerate(CHANNELS[:2])}
         return Simulated(states[:, 2], also=also)
     chambers = [i for i in known if f"pressure_{i}" in e]
@@ -84,28 +86,6 @@ def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
         remedy=f"Give --input {wanted}=FROM:TO, or a LOG with that column; or fit with --mass, "
         "--dead-volume-1 and --dead-volume-2 to logs that hold both pressures.",
     )
-
-
-def _all_states(
-    e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
-) -> FloatArray:
-    """States of the gray box, ``(n, 4)``; the first is fitted where there is a position."""
-    fall, viscous = FrictionLaw.of(values).fall, values["viscous"]
-    if "position" in e:
-        log = make_gray_log(e, machine)
-        sigma = np.array([
-            getattr(options, f"residual_{c}") or 1.0 if c in e else np.inf for c in CHANNELS
-        ])  # fmt: skip
-        box = GrayBox.following([log], machine, viscous, fall)
-        return solve_gray_box(GrayProblem(box, [log], (), sigma), values).point.states[0]
-    rest = machine.at_rest(options.rest_position or 0.0)
-    guess, nothing = np.tile(rest, (e.samples, 1)), np.zeros((3, e.samples))
-    log = GrayLog(mean_command(e), np.diff(e.time), nothing, guess)
-    box = GrayBox.following([log], machine, viscous, fall)
-    with np.errstate(all="ignore"):  # it runs away where a chamber holds too little oil
-        states = box.simulate(log, rest, values)
-    _require_oil(e, machine, states[:, 2])
-    return states
 
 
 def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
