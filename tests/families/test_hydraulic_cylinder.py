@@ -551,6 +551,17 @@ def test_one_pressure_gives_that_chamber(tmp_path: Path) -> None:
     assert result.parameters["viscous"].status == "not_identified"
 
 
+def test_friction_from_logs_of_one_pressure_each_needs_the_same_commands() -> None:
+    """Both pressures were recorded, and the warning said that they were needed."""
+    logs = [dict(zip(("time", *ROLES), rows.T)) for rows in long_logs()[:2]]
+    for log, missing in zip(logs, ("pressure_2", "pressure_1")):
+        del log[missing]
+    given = {n: v for n, v in GIVEN.items() if n != "mass"}
+    found = ff.fit("hydraulic-cylinder", logs, units=attacks.UNITS, **given)
+    (said,) = [n.message for n in found.notices if n.message.startswith("viscous cannot")]
+    assert "no part of the logs shows steady motion with both pressures" in said
+
+
 # ------------------------------------------------------------------------------- networks
 
 

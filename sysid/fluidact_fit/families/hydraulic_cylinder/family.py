@@ -64,6 +64,10 @@ _FRICTION_REMEDY = (
     "Record both pressures over strokes in both directions at two speeds or more, and give both "
     "areas."
 )
+_NEEDS_BOTH = (
+    "no part of the logs shows steady motion with both pressures, nor do logs of one pressure each "
+    "hold the same commands."
+)
 _NEEDS_ALL = (
     "it shows in the simulation of pressures and motion, which needs --mass, --dead-volume-1 and "
     "--dead-volume-2, and logs of both pressures that it can follow."
@@ -249,7 +253,7 @@ def _by_flow_balance(setup: Setup) -> Solution[HydraulicCylinderOptions]:
             given = float(setup.request.fixed[spec.name])
             parameters[spec.name] = Quantity(given, spec.unit, "fixed")
         elif spec.name in low or not spec.optional:
-            reason = _NEEDS_ALL if spec.name in low else "it needs the pressures of both chambers."
+            reason = _NEEDS_ALL if spec.name in low else _NEEDS_BOTH
             notices.append(refuse(spec, reason))
             parameters[spec.name] = Quantity(spec.neutral or 0.0, spec.unit, "not_identified")
     notices += [
