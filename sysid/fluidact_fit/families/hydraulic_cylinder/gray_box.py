@@ -10,7 +10,6 @@ import numpy as np
 
 from ...estimation.budget import simulated
 from ...estimation.converter_errors import codes_matter, noise_beside
-from ...estimation.inputs import piecewise
 from ...estimation.least_squares import orthonormal, without
 from ...estimation.minimise import Minimum, minimise
 from ...estimation.named_model import Values
@@ -29,6 +28,7 @@ from ...mechanics.coupled import InPlace, motion
 from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, Machine, parameter_vector
 from ...signals import smooth
+from .windows import mean_command
 
 CHANNELS = ("pressure_1", "pressure_2", "position")
 SLOPES = THETA[: THETA.index(EXPONENT)]  # parameters by which the states are differentiated
@@ -100,26 +100,6 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
         guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
     return GrayLog(mean_command(e), np.diff(e.time), measured, guess, codes)
-
-
-def mean_command(e: Experiment) -> FloatArray:
-    """Command over every interval between samples, ``(n - 1,)`` [V].
-
-    Held between its samples it is the command itself. One that acts late or moves between them
-    counts by its mean: the valve's flow is proportional to it, and the oil integrates the flow.
-    """
-    signal = e.signals["command"]
-    if signal.hold in (None, "zoh") and np.array_equal(signal.time, e.time):
-        return e.sampled("command")[:-1]
-    from scipy.interpolate import PPoly
-
-    u = piecewise(signal, level=signal.before)
-    knots = np.append(u.nodes, max(u.nodes[-1], e.time[-1]) + 1.0)
-    total = PPoly(np.real(u.coefficients[:, ::-1].T), knots).antiderivative()
-    # what is left of the level is zero before the first node
-    return np.asarray(
-        signal.before + np.diff(total(np.maximum(e.time, knots[0]))) / np.diff(e.time)
-    )
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ from .gray_box import (
     GrayProblem,
     command_noise,
     make_gray_log,
-    mean_command,
     moving_speeds,
     solve_gray_box,
 )
@@ -39,6 +38,7 @@ from .options import HydraulicCylinderOptions
 from .regression import allowed_half_widths, directional_gains, fit_flow, fit_friction
 from .setup import Setup, read_machine
 from .simulation import simulate_runs
+from .windows import mean_command
 
 _PART = 4_000  # samples in which the search for a Stribeck rise begins
 _SHORTEST = 100  # samples of a piece of a log

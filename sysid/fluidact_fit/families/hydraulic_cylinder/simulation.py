@@ -18,7 +18,7 @@ from ...mechanics.hydraulic_cylinder import Machine
 from .gray_box import CHANNELS, follow
 from .options import HydraulicCylinderOptions
 from .setup import check_volumes, known_chambers, read_machine
-from .windows import cut_windows, mean_flow
+from .windows import cut_windows, mean_command, mean_flow
 
 _NAME = "hydraulic-cylinder"
 _LEFT = 0.02  # of a dead volume: on less oil a simulated piston stands still or runs away
@@ -129,8 +129,8 @@ def _flow_from_rest(
     e: Experiment, chamber: int, machine: Machine, values: Values, start: float
 ) -> FloatArray:
     """Position by integrating the flow of one chamber from beginning to end."""
-    u, p, area = e.sampled("command"), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
-    moved = np.real(mean_flow(chamber, u[:-1], p, values, machine)) * np.diff(e.time) / area
+    u, p, area = mean_command(e), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
+    moved = np.real(mean_flow(chamber, u, p, values, machine)) * np.diff(e.time) / area
     y = start + np.append(0.0, np.cumsum(moved))
     beta = values.get("bulk_modulus")
     for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
 from ...estimation.noise import noise_floor
 from ...experiment import Array, BoolArray, Experiment, FloatArray
@@ -49,8 +50,8 @@ class Windows:
 
     @cached_property
     def command(self) -> FloatArray:
-        """Held command of every interval of the log, ``(n - 1,)`` [V]."""
-        return self.experiment.sampled("command")[:-1]
+        """Mean command of every interval of the log, ``(n - 1,)`` [V]."""
+        return mean_command(self.experiment)
 
     @cached_property
     def pressure(self) -> FloatArray:
@@ -96,6 +97,26 @@ class Windows:
         return self.mean(flow) + self.swelling / values.get("bulk_modulus", np.inf)
 
 
+def mean_command(e: Experiment) -> FloatArray:
+    """Command over every interval between samples, ``(n - 1,)`` [V].
+
+    Held between its samples it is the command itself. One that acts late or moves between them
+    counts by its mean: the valve's flow is proportional to it, and the oil integrates the flow.
+    """
+    signal = e.signals["command"]
+    if signal.hold in (None, "zoh") and np.array_equal(signal.time, e.time):
+        return e.sampled("command")[:-1]
+    from scipy.interpolate import PPoly
+
+    u = piecewise(signal, level=signal.before)
+    knots = np.append(u.nodes, max(u.nodes[-1], e.time[-1]) + 1.0)
+    total = PPoly(np.real(u.coefficients[:, ::-1].T), knots).antiderivative()
+    # what is left of the level is zero before the first node
+    return np.asarray(
+        signal.before + np.diff(total(np.maximum(e.time, knots[0]))) / np.diff(e.time)
+    )
+
+
 def mean_flow(
     chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
 ) -> Array:
@@ -128,10 +149,9 @@ def cut_windows(
 
 def _usable(w: Windows) -> BoolArray:
     """Windows with a pressure drop at the valve; of a chamber of unknown volume steady ones."""
-    u, machine = w.experiment.sampled("command"), w.machine
-    rows = w.first[:, None] + np.arange(w.samples)
+    machine, rows = w.machine, w.first[:, None] + np.arange(w.samples)
     pressure = w.pressure[rows].mean(axis=1)
-    drop = machine.pressure_drop(w.chamber, u[rows].mean(axis=1) >= 0.0, pressure)
+    drop = machine.pressure_drop(w.chamber, w.mean_command >= 0.0, pressure)
     kept = drop > _LEAST_DROP * (machine.supply - machine.tank)
     return kept & _steady(w, pressure) if machine.dead_volume(w.chamber) is None else kept
 
