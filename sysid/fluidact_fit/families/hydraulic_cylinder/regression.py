@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from ...specification import STEP
 from .setup import Setup
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
+_DIRECTIONS = ((1.0, "extending"), (-1.0, "retracting"))
 
 
 def flow_unknowns(setup: Setup) -> dict[str, Unknown]:
@@ -108,31 +110,29 @@ def fit_flow(setup: Setup, lenient: bool) -> Fitted:
 
 
 def directional_gains(setup: Setup, values: Values) -> dict[str, Quantity]:
-    """Gain of every chamber from the windows of one direction, all else as fitted."""
-    return {
-        f"valve_gain_{chamber}_{word}": gain
-        for chamber in setup.chambers
-        for sign, word in ((1.0, "extending"), (-1.0, "retracting"))
-        if (gain := _gain(setup, values, chamber, sign)) is not None
-    }
+    """Gain of every chamber from the windows of one direction, all else as fitted.
 
-
-def _gain(setup: Setup, values: Values, chamber: int, sign: float) -> Quantity | None:
-    """One Gauss-Newton step from the common gain, to which the flow is nearly proportional."""
-    name = f"valve_gain_{chamber}"
-    moved = {**values, name: values[name] * (1.0 + 1j * STEP)}
-    pairs = [
-        (w.modelled(moved)[chosen], w.motion[chosen])
-        for w in setup.windows
-        if w.chamber == chamber and (chosen := sign * w.mean_command > 0.0).any()
-    ]
-    slopes = [np.imag(model) / STEP for model, _ in pairs]
-    if sum(s.size for s in slopes) < 5 or not any(s.any() for s in slopes):
-        return None
-    share, error, degrees = _proportional(slopes, [y - np.real(model) for model, y in pairs])
-    value, se = values[name] * (1.0 + share), values[name] * error
-    half = t_quantile(0.975, degrees) * se
-    return Quantity(value, GAIN_UNIT, "derived", se, [value - half, value + half], "wald")
+    One Gauss-Newton step from the common gain, to which the flow is nearly proportional.
+    """
+    out = {}
+    for chamber, (sign, word) in product(setup.chambers, _DIRECTIONS):
+        name = f"valve_gain_{chamber}"
+        moved = {**values, name: values[name] * (1.0 + 1j * STEP)}
+        pairs = [
+            (w.modelled(moved)[chosen], w.motion[chosen])
+            for w in setup.windows
+            if w.chamber == chamber and (chosen := sign * w.mean_command > 0.0).any()
+        ]
+        slopes = [np.imag(model) / STEP for model, _ in pairs]
+        if sum(s.size for s in slopes) < 5 or not any(s.any() for s in slopes):
+            continue
+        rest = [y - np.real(model) for model, y in pairs]
+        share, error, degrees = _proportional(slopes, rest)
+        value, se = values[name] * (1.0 + share), values[name] * error
+        half = t_quantile(0.975, degrees) * se
+        ends = [value - half, value + half]
+        out[f"{name}_{word}"] = Quantity(value, GAIN_UNIT, "derived", se, ends, "wald")
+    return out
 
 
 def _proportional(
@@ -181,7 +181,7 @@ def fit_friction(setup: Setup) -> tuple[Solved, list[Notice]]:
 def friction_levels(setup: Setup) -> dict[str, Quantity]:
     """Mean friction in either direction, signed [N]."""
     out, rows = {}, setup.friction
-    for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
+    for sign, word in _DIRECTIONS:
         chosen = rows.force[rows.moving & (sign * rows.speed > 0.0)]
         if chosen.size >= 2:
             mean, se, _ = _proportional([np.ones(chosen.size)], [chosen], rows.in_time)
