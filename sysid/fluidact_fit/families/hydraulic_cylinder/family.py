@@ -237,10 +237,10 @@ def _by_flow_balance(setup: Setup) -> Solution[HydraulicCylinderOptions]:
     from scipy.linalg import block_diag
 
     low = free_names(setup.options.stribeck == "estimate", setup.request.fixed)
-    first, rows, specs = fit_flow(setup, lenient=False), setup.friction, setup.variant.parameters
+    first, specs = fit_flow(setup, lenient=False), setup.variant.parameters
     parameters, order, matrix = first.quantities(specs)
     notices = [*first.notices]
-    if rows.speed.size >= 4 and rows.moving.sum() >= 4:
+    if setup.friction.moving.sum() >= 4:
         friction, warnings = fit_friction(setup)
         more, names, block = friction.quantities(specs)
         parameters, order = {**parameters, **more}, (*order, *names)

@@ -97,8 +97,7 @@ class Setup:
     @cached_property
     def friction(self) -> FrictionRows:
         """Friction ``p1 A1 - p2 A2 - M a`` wherever it can be had."""
-        areas = self.machine.area_1, self.machine.area_2
-        if None in areas or self.chambers != (1, 2):
+        if self.chambers != (1, 2):
             return FrictionRows(np.zeros(0), np.zeros(0))
         parts = [_friction_windows(e, self.machine) for e in self.experiments if _holds_both(e)]
         if not parts:
@@ -190,11 +189,12 @@ def _check_pressures(machine: Machine, experiments: Sequence[Experiment]) -> Non
             remedy="Check --supply-pressure and the units of the pressures and of the areas.",
         )
     both = [e for e in experiments if _holds_both(e)]
-    if not both or machine.area_1 is None or machine.area_2 is None:
+    if not both:
         return
     p1, p2 = (np.concatenate([e.sampled(r) for e in both]) for r in _PRESSURES)
-    net = float(np.linalg.norm(machine.area_1 * p1 - machine.area_2 * p2))
-    if net > _CROSSED * float(np.linalg.norm(machine.area_2 * p1 - machine.area_1 * p2)):
+    area_1, area_2 = machine.area(1), machine.area(2)
+    net = float(np.linalg.norm(area_1 * p1 - area_2 * p2))
+    if net > _CROSSED * float(np.linalg.norm(area_2 * p1 - area_1 * p2)):
         raise LogError(
             "'pressure_1' and 'pressure_2' do not balance the piston, and would the other way "
             "round: the two columns seem to be swapped",
