@@ -107,7 +107,7 @@ def _compete(
     if chosen.size < _TRAINED:
         raise LogError(
             f"only {chosen.size} rows of {option} can be had from the logs",
-            expected=f"A network needs {_TRAINED} or more.",
+            expected=f"A network needs {_TRAINED} or more. Nothing was written.",
             remedy="Record both pressures in one log over strokes at steady commands and give both "
             f"areas, or leave out --{option} mlp.",
         )
