@@ -291,10 +291,8 @@ def fit_motor(
     bends, fitted = _find_bends(task, found), found.fitted
     rise, best = max(bends, key=lambda b: b[0])
     if rise > DECISIVE:
-        start = {n: best[n] for n in task.plan.names}
-        again = fit_saturated(
-            replace(task, request=replace(task.request, start=start)), fit_response
-        )
+        request = replace(task.request, start={n: best[n] for n in task.plan.names})
+        again = fit_saturated(replace(task, request=request), fit_response)
         if again is not None:
             return again, {}
 
