@@ -114,6 +114,11 @@ class Problem:
         self.count(index)
         return self.model.basis(index, eta)
 
+    def simulate(self, at: StationaryPoint) -> list[FloatArray]:
+        """Output of the model at a stationary point, shape ``(n_i,)`` per experiment."""
+        bases = (self.basis(i, at.eta) for i in range(len(self.measured)))
+        return [b.combined(at.linear, local) for b, local in zip(bases, at.local, strict=True)]
+
     def derivatives(
         self, index: int, eta: FloatArray, scales: FloatArray, shared: FloatArray, local: FloatArray
     ) -> FloatArray:
@@ -161,8 +166,6 @@ class StationaryPoint:
         Sum of the squared weighted residuals.
     residuals
         Weighted residuals ``measured - model`` per experiment.
-    simulate
-        ``simulate()``: output of the model per experiment, which is not kept: computed again.
     jacobian
         Weighted derivative of the model output by ``(eta, linear)`` with the local
         unknowns projected out, one array ``(n_i, p + q)`` per experiment.
@@ -177,7 +180,6 @@ class StationaryPoint:
     local: list[FloatArray]
     cost: float
     residuals: list[FloatArray]
-    simulate: Callable[[], list[FloatArray]]
     jacobian: list[FloatArray]
     local_counts: tuple[int, ...]
     iterations: int

@@ -210,7 +210,7 @@ def _weighed(
     weights = [np.ones(y.size) for y in model.measured]
     for _ in range(_ROUNDS):
         found = solve_from(replace(problem, weights=weights), starts, tolerance=1e-3).best
-        rest = [y - m for y, m in zip(model.measured, found.simulate(), strict=True)]
+        rest = [y - m for y, m in zip(model.measured, problem.simulate(found), strict=True)]
         new, _ = huber_weights(rest, task.request.options.residual_limit)
         change = max(float(np.abs(a - b).max()) for a, b in zip(new, weights))
         if change < 0.05:
@@ -223,7 +223,9 @@ def _limit(task: ResponseTask[T], fitted: Fitted, model: NamedModel) -> float | 
     """Residual from which samples of a robust fit count less; ``None`` where all count alike."""
     if not task.model.robust:
         return None
-    rest = [y - m for y, m in zip(model.measured, fitted.solution.simulate(), strict=True)]
+    held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
+    found = bind(model, task.unknowns, held).simulate(fitted.solution)
+    rest = [y - m for y, m in zip(model.measured, found, strict=True)]
     return huber_weights(rest, task.request.options.residual_limit)[1]
 
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,15 +73,10 @@ def solve(
     at_end = tangent if tangent is not None and found.sloped else Tangent(fit, scales)
     residuals, jacobian = zip(*(at_end.finish(fit, i) for i in range(len(fit.tables))), strict=True)
     return StationaryPoint(
-        fit.eta, fit.linear, fit.local, fit.cost, list(residuals),
-        partial(_simulate, problem, fit.eta), list(jacobian),
+        fit.eta, fit.linear, fit.local, fit.cost, list(residuals), list(jacobian),
         local_counts=tuple(t.own.shape[1] for t in fit.tables),
         iterations=found.iterations, converged=found.converged,
     )  # fmt: skip
-
-
-def _simulate(problem: Problem, eta: FloatArray) -> list[FloatArray]:
-    return Eliminated(problem, eta).simulate()
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> StationaryPoint:

@@ -216,5 +216,6 @@ def _follow(
     if axis.motion not in experiment:
         alone = DriveModel([experiment], axis)
         return Simulated(alone.columns(0, values).known + place, offset=place)
-    _, found, _ = follow(experiment, axis, values)
-    return Simulated(found.simulate()[0], offset=float(found.local[0][0]))
+    model, found, begun = follow(experiment, axis, values)
+    output = model.columns(0, begun).combined(found.linear, found.local[0])
+    return Simulated(output, offset=float(found.local[0][0]))
