@@ -93,10 +93,13 @@ def wider_by_blocks(
         return out
     finest = counts[-1]
     begins = np.arange(finest) * n // finest
-    weights = joined(jacobians) @ bread
+    rows, r = joined(jacobians), joined(residuals)
     # contribution of every block to the estimate, and its variance for independent unit errors
-    parts = np.add.reduceat(weights * joined(residuals)[:, None], begins)
-    white = np.add.reduceat(weights**2, begins)
+    parts, white = np.empty((2, finest, errors.size))
+    for k, column in enumerate(bread.T):
+        weight = rows @ column
+        parts[:, k] = np.add.reduceat(weight * r, begins)
+        white[:, k] = np.add.reduceat(weight**2, begins)
     left = sum(square_sum(r) for r in residuals) / n
     # the given errors may come from more rows than these: a filter settles, a log is long
     known = np.maximum(errors**2, left * white.sum(axis=0))

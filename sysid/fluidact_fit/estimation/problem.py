@@ -55,6 +55,15 @@ class Basis:
                 out += columns @ sizes
         return out
 
+    def change(self, shared: FloatArray, local: FloatArray) -> FloatArray:
+        """Imaginary part of `combined`, shape ``(n,)``; a column without one is not touched."""
+        out = np.array(np.imag(self.known))
+        for columns, sizes in ((self.shared, shared), (self.local, local)):
+            if np.iscomplexobj(columns):
+                for column, size in zip(columns.T, sizes, strict=True):
+                    out += np.imag(column) * size
+        return out
+
 
 class Model(Protocol):
     """Model as the solver needs it.
@@ -134,7 +143,7 @@ class Problem:
         for k, step in enumerate(STEP * scales):
             moved = eta.astype(complex)
             moved[k] += 1j * step
-            out[k] = np.imag(self.basis(index, moved).combined(shared, local)) / step
+            out[k] = self.basis(index, moved).change(shared, local) / step
         return out
 
     def count(self, index: int, passes: int = 1) -> None:
