@@ -21,7 +21,10 @@ def test_the_same_is_found_in_many_blocks(name, monkeypatch):
     for parameter, q in whole.parameters.items():
         other = cut.parameters[parameter]
         assert other.status == q.status
+        # sums in another order may round the last digit of a file, four beyond the error, otherwise
+        last = 2e-4 * np.asarray(q.std_error) if q.status == "estimated" and q.std_error else 0.0
         if q.value is not None and not isinstance(q.value, str):
-            np.testing.assert_allclose(other.value, q.value, rtol=1e-9, err_msg=parameter)
+            off = np.abs(np.subtract(other.value, q.value))
+            assert np.all(off <= 1e-9 * np.abs(q.value) + last), parameter
         if q.status == "estimated" and q.std_error is not None:
             np.testing.assert_allclose(other.std_error, q.std_error, 1e-7, err_msg=parameter)

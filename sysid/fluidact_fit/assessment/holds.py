@@ -122,7 +122,9 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     before, j = joined(at.residuals), joined(at.jacobians)
     if j.shape[1] == 0:
         return None
-    own = scaled_least_squares(j, before, 1e-10)
+    own = np.zeros(j.shape[1])
+    if not at.solution.noise.inputs:  # the estimate that allows for these has a larger residual
+        own = scaled_least_squares(j, before, 1e-10)
     total, plant = -own, at.plant
     for _ in range(_ROUNDS):
         try:

@@ -444,8 +444,8 @@ def find_uncertainty(
     if misfit is None or misfit.probability > _BY_CHANCE:
         return found
     per_variance = white.covariance / max(white.sigma**2, 1e-300)
-    if not np.isfinite(per_variance).all():
-        return found  # something is not determined at all: it is refused
+    if not per_variance.size or not np.isfinite(per_variance).all():
+        return found  # nothing, or something, is not determined at all: it is refused
     if misfit.at_rest:
         matrix = enlarge(found.covariance, misfit.between * np.diag(per_variance))
     else:
