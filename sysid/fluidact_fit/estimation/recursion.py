@@ -107,24 +107,30 @@ def scan(phi: Array, forcing: Callable[[slice], Array], start: Array, count: int
     -------
     (count + 1, n), starting with ``start``.
     """
-    out = np.empty((count + 1, start.size), np.result_type(phi, start))
-    out[0] = start
+    from scipy.linalg.blas import dtbsv, ztbsv
+
+    n = start.size
+    out = np.empty((count + 1, n), np.result_type(phi, start))
+    solve = ztbsv if out.dtype.kind == "c" else dtbsv
+    out[0], band = start, np.zeros((2 * n, 0))
     for at in blocks(count):
-        own = phi[at] if phi.ndim == 3 else phi
-        out[at.start : at.stop + 1] = _scan_block(own, forcing(at), out[at.start])
+        entries = (at.stop - at.start + 1) * n
+        if phi.ndim == 3 or band.shape[1] < entries:
+            band = _band(phi[at] if phi.ndim == 3 else phi, entries // n, out.dtype)
+        states = np.concatenate((out[at.start], forcing(at).ravel()), dtype=out.dtype)
+        found = solve(2 * n - 1, band[:, :entries], states, lower=1, diag=1, overwrite_x=True)
+        out[at.start : at.stop + 1] = found.reshape(-1, n)
     return out
 
 
-def _scan_block(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` as one triangular band, all states one below the other."""
-    from scipy.linalg.blas import dtbsv, ztbsv
+def _band(phi: Array, count: int, kind: npt.DTypeLike) -> Array:
+    """Triangular band ``(2 n, count n)`` of ``x[j+1] - phi x[j]``, all states one below the other.
 
-    m, n = forcing.shape
-    columns = np.zeros((m + 1, n, 2 * n), dtype=start.dtype)  # of the band
+    What stands in its last ``n`` columns below the diagonal is beyond the states.
+    """
+    n = phi.shape[-1]
+    columns = np.zeros((count, n, 2 * n), dtype=kind)
     columns[..., 0] = 1.0
     for k in range(n):
-        columns[:m, k, n - k : 2 * n - k] = -phi[..., k]
-    states = np.concatenate((start, forcing.ravel()), dtype=start.dtype)
-    solve = ztbsv if start.dtype.kind == "c" else dtbsv
-    found = solve(2 * n - 1, columns.reshape(-1, 2 * n).T, states, lower=1, diag=1)
-    return np.asarray(found).reshape(m + 1, n)
+        columns[: count - 1, k, n - k : 2 * n - k] = -phi[..., k]
+    return columns.reshape(-1, 2 * n).T
