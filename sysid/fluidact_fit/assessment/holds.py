@@ -122,8 +122,9 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     before, j = joined(at.residuals), joined(at.jacobians)
     if j.shape[1] == 0:
         return None
-    own = np.zeros(j.shape[1])
-    if not at.solution.noise.inputs:  # the estimate that allows for these has a larger residual
+    own, noise = np.zeros(j.shape[1]), at.solution.noise
+    # a score that is corrected for noise of an input is not zero, wherever the estimate ends
+    if not noise.inputs or noise.instruments:
         own = scaled_least_squares(j, before, 1e-10)
     total, plant = -own, at.plant
     for _ in range(_ROUNDS):

@@ -235,17 +235,19 @@ def _settle_rails(
         rails[k] = at + sign * inside
         samples = "1 sample" if count == 1 else f"{count} samples"
         near = f", and those within {inside:.3g} of it, three standard deviations of the noise"
-        text = (
-            f"{samples} at or beyond the reading {at:g}{near * (inside > 0.0)}: left out, as a "
-            "clipped reading says nothing about the position."
-        )
-        if kind == "rails-suspected":
-            text = (
+        if kind == "rails":
+            notices.append(Notice(
+                "rails",
+                f"{samples} at or beyond the reading {at:g}{near * (inside > 0.0)}: left out, as a "
+                "clipped reading says nothing about the position.",
+            ))  # fmt: skip
+        else:
+            notices.append(Notice(
+                "rails-suspected",
                 f"the extreme reading {at:g} looks clipped, as its position does not follow from "
                 f"the readings beside it: {samples} left out. Give "
-                f"--rails {widest[0]:g}:{widest[1]:g} to keep all."
-            )
-        notices.append(Notice(kind, text))
+                f"--rails {widest[0]:g}:{widest[1]:g} to keep all.",
+            ))  # fmt: skip
     return ((rails[0], rails[1]) if given or notices else None), notices
 
 
