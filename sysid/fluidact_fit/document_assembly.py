@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -98,11 +98,11 @@ class FitContext:
 
 
 def limits_of(document: ParameterDocument, runs: Sequence[Simulation]) -> list[tuple[float, float]]:
-    """Limits of the rmse of runs that were not fitted, and what parameters do to them [SI].
+    """Limits of the rmse of runs that were not fitted, and effects of parameter errors [SI].
 
     A limit is ``LOG_MISSED`` times the rmse of the noisiest log that was fitted, plus one step of
-    the output. Where a run is above it the second number is what the errors of the parameters do to
-    its output (RMS), which the limit then allows for; else 0.
+    the output. Where a run exceeds it, the second number is the effect of the errors of the
+    parameters on its output (RMS), which the limit then allows for; otherwise it is 0.
     """
     family = get_family(document.family)
     variant, rng = family.variant(document.variant), np.random.default_rng(0)
@@ -166,11 +166,12 @@ def make_parameter_document(
     white = residual_whiteness(fitted, len(solution.names))
     unused = _unused_logs(fitted)
     notices = list(dict.fromkeys([*notices, *unused, *solution.notices, *warned]))
-    verdict, reasons = judge(
-        overall, notices, details.get("residual_to_noise"), white,
-        find_cause(variant, found.experiments) if overall.fit_percent < FIT_POOR else None,
-        request.given,
+    judged = partial(
+        judge, overall, residual_to_noise=details.get("residual_to_noise"), white=white,
+        cause=find_cause(variant, found.experiments) if overall.fit_percent < FIT_POOR else None,
+        given=request.given,
     )  # fmt: skip
+    verdict, reasons = judged(notices)
     every = list(dict.fromkeys([*reasons, *notices]))  # what the verdict is about comes first
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
     model = family.model(found.plant, float(period), _hold(variant, fitted))
@@ -230,7 +231,7 @@ def make_parameter_document(
     if missed := _missed_validation(made, validation):
         every += missed
         document["warnings"] = every
-        document["fit"]["verdict"] = "warn" if verdict == "pass" else verdict
+        document["fit"]["verdict"] = judged([*notices, *missed])[0]
         made = make_document(document, get_family)
     return made, every
 

@@ -167,7 +167,7 @@ LOG_MISSED = Threshold(
     2.0, "ratio of the rmse of another log to that of a fitted one from which it is missed",
     "tests/cli/test_fit.py; docs/evidence/middle.md")
 LOG_SPREADS = Threshold(
-    2.0, "multiple of what errors of the parameters do to the output (RMS) that is allowed for",
+    2.0, "multiple of the effect of parameter errors on the output (RMS) that is allowed for",
     "tests/contract/test_check.py")
 # verdict
 STRUCTURED = Threshold(1e-3, "p-value below which a residual is not white", "tests/test_outcome.py")

@@ -28,11 +28,11 @@ def rows_of(
     Parameters
     ----------
     columns
-        What stands beside each other in it, shapes ``(n,)`` or ``(n, c)``.
+        Its columns, shapes ``(n,)`` or ``(n, c)``, from left to right.
     mean
-        What is subtracted of every row.
+        Subtracted from every row.
     before
-        Rows before a block that it begins with as well, as far as there are any.
+        Number of preceding rows that a block includes, as far as there are any.
     """
     for at in blocks(len(columns[0])):
         rows = slice(max(at.start - before, 0), at.stop)

@@ -291,12 +291,12 @@ def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> 
     leaves = above[:-1] != (end > np.real(positive))[:-1]
     enters = below[:-1] != (end < np.real(negative))[:-1]
     up, down = np.flatnonzero(leaves), np.flatnonzero(enters)
-    crossed = np.concatenate((up, down))
-    order = np.argsort(crossed, kind="stable")
+    order = np.argsort(np.concatenate((up, down)), kind="stable")
+    crossed = np.concatenate((up, down))[order]
     edges = np.repeat(np.array((positive, negative)), (up.size, down.size))[order]
-    offset, bend = _cross(u, crossed[order], edges)
+    offset, bend = _cross(u, crossed, edges)
     turn = np.where(np.concatenate((above[up], below[down]))[order], -1.0, 1.0)
-    kinks = Kinks(crossed[order], offset, turn[:, None] * bend)
+    kinks = Kinks(crossed, offset, turn[:, None] * bend)
     active = (above | below)[:, None]
     coefficients = np.column_stack((level, np.where(active, u.coefficients[:, 1:], 0.0)))
     return PiecewiseInput(u.nodes, coefficients, kinks)

@@ -23,7 +23,7 @@ from .parametric import Fitted, fit_named
 from .problem import Problem
 from .response_model import Beginning, ResponseTask, T
 from .rivals import Correct, judge_rivals
-from .robust_weights import huber_weights
+from .robust_weights import ROUNDS, huber_weights
 from .run_beginnings import (
     choose_beginning,
     cut_unrecorded,
@@ -41,7 +41,7 @@ _MANY = 200_000  # samples beyond which the start is refined on a quarter of tha
 _RIVALS = 6  # distinct points that are followed
 _RIVAL_COST = 10.0  # multiple of the best cost up to which a point may lead to a rival
 _SMOOTH = 0.02  # ratio of squared changes of residuals to their squares that shows no noise
-_ROUNDS = 6  # of reweighting, and of cutting off the response to the time before the runs
+_ROUNDS = 6  # of cutting off the response to the time before the runs
 _NEGLIGIBLE = 0.25  # error by noise of the input [standard errors] that is not allowed for
 
 
@@ -51,7 +51,7 @@ class Response(Generic[T]):
 
     Attributes
     ----------
-    fitted
+    solved
         The estimate.
     weights
         Of the samples, as in :class:`.NamedModel`.
@@ -61,15 +61,10 @@ class Response(Generic[T]):
         Residual from which samples count less; ``None`` where all count alike.
     """
 
-    fitted: Fitted
+    solved: Fitted
     weights: Sequence[FloatArray | float]
     begin: Beginning
     limit: float | None = None
-
-    @property
-    def solved(self) -> Fitted:
-        """The estimate, as other fits call it."""
-        return self.fitted
 
     def settled(self, options: T) -> T:
         """The options with what the fit has chosen."""
@@ -93,7 +88,7 @@ class Response(Generic[T]):
         notices: Sequence[Notice] = (),
     ) -> Solution[T]:
         """Return the solution to examine and write; ``options`` are settled."""
-        fitted, output = self.fitted, variant.output.name
+        fitted, output = self.solved, variant.output.name
         parameters, names, covariance = fitted.quantities(variant.parameters, experiments[0].units)
         table, drift = fitted.compare_logs(experiments)
         details = {**fitted.details(), **table}
@@ -208,7 +203,7 @@ def _weighed(
     problem = bind(model, task.unknowns, task.held)
     starts = [problem.vector({**s, **task.request.start}) for s in ends]
     weights = [np.ones(y.size) for y in model.measured]
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         found = solve_from(replace(problem, weights=weights), starts, tolerance=1e-3).best
         rest = [y - m for y, m in zip(model.measured, problem.simulate(found), strict=True)]
         new, _ = huber_weights(rest, task.request.options.residual_limit)

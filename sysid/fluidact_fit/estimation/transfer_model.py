@@ -271,9 +271,8 @@ class TransferResponse(ResponseModel[OptionsT], Generic[OptionsT]):
         """Output from the input; see :meth:`.Family.simulate`."""
         v, variant, options, start = plant.numbers, plant.variant, plant.options, offset or 0.0
         recorded, out = [e for e in experiments if variant.output.name in e], []
-        if recorded:
-            model = self.transfer_model(variant, recorded, options.beginning)
-            fitted = model.fitted(v, options.residual_limit)
+        model = self.transfer_model(variant, recorded, options.beginning)
+        fitted = model.fitted(v, options.residual_limit)
         for e in experiments:
             if variant.output.name in e:
                 out.append(next(fitted))

@@ -223,9 +223,8 @@ def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
         chosen.append(tried[-1])
     widths = [m.half * e.sample_time for e, m in zip(experiments, chosen)]
     longest = max(widths)
-    for e, m, own in zip(
-        experiments, chosen, widths
-    ):  # what a slow log needs may flatten a fast one
+    # a filter that a slow log needs may flatten a fast one
+    for e, m, own in zip(experiments, chosen, widths):
         while longest > 1.5 * own and _flattens(m, _filter(e, role, longest)):
             longest *= 0.5
     return longest

@@ -133,7 +133,7 @@ class MotorModel(TransferModel):
     """Speeds of some runs behind the lag, or any other output, which is their integral.
 
     Runs begin with any speed, unless ``begin`` says that they are at rest under their command. A
-    run with an offset of its own begins at any angle or place with that.
+    run with an offset of its own begins at any angle or position by that.
     """
 
     gain: ClassVar[str | None] = "gain"
@@ -157,7 +157,7 @@ class MotorModel(TransferModel):
         return a, c, (0,) if offset else range(c.size)
 
     def level(self, signal: Signal) -> float:
-        """None: the speed is not proportional to the command."""
+        """Zero: the speed is not proportional to the command."""
         return 0.0
 
     def read(self, signal: Signal) -> PiecewiseInput:

@@ -279,8 +279,8 @@ def fit_motor(
 
     Returns
     -------
-    The fit, and a saturation that the logs neither show nor rule out, with what it would move far;
-    empty where there is none.
+    The fit, and a saturation that the logs neither show nor rule out, with the values that others
+    would have with it; empty where there is none that matters.
     """
     found = fit_saturated(task, fit_response)
     if found is not None:
@@ -288,7 +288,7 @@ def fit_motor(
     found = fit_response(without_saturation(task))
     if SATURATION in task.request.start:
         return found, {}
-    bends, fitted = _find_bends(task, found), found.fitted
+    bends, fitted = _find_bends(task, found), found.solved
     rise, best = max(bends, key=lambda b: b[0])
     if rise > DECISIVE:
         request = replace(task.request, start={n: best[n] for n in task.plan.names})
@@ -324,7 +324,7 @@ def _find_bends(
 
     The first is none at all.
     """
-    fitted = without.fitted
+    fitted = without.solved
     top = highest_command(task.experiments, fitted.values.get(OFFSET, 0.0))
     model = replace(task.named(task.experiments, without.begin), weights=without.weights)
     refused = {n: fitted.values[n] for n in fitted.refused}

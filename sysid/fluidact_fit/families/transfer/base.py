@@ -134,7 +134,7 @@ class TransferFamily(TransferResponse[T], Family[T], Generic[T]):
     ) -> Solution[T]:
         """Output-error fit from several starts; see :meth:`Family.estimate`."""
         found = fit_response(ResponseTask.of(self, variant, experiments, request))
-        fitted, options = found.fitted, found.settled(request.options)
+        fitted, options = found.solved, found.settled(request.options)
         derived = fitted.derive(self.derived_units, lambda v: self.derived(v, options))
         return found.solution(
             self.simulate, experiments, variant, options, derived, self.notices(fitted, options)
@@ -163,7 +163,7 @@ class TransferFamily(TransferResponse[T], Family[T], Generic[T]):
     def prior_guess(
         self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
-        """A dead time of one and a half samples; see :meth:`Family.suppose`."""
+        """A dead time of one and a half samples; see :meth:`Family.prior_guess`."""
         return 1.5 * sample_time if name == "dead_time" else None
 
     def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:
