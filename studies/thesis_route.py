@@ -30,11 +30,17 @@ from fluidact_fit.estimation.named_model import NamedModel, make_unknowns
 from fluidact_fit.estimation.parametric import Fitted, fit_named
 from fluidact_fit.estimation.problem import Basis, Unknown
 from fluidact_fit.estimation.recursion import scan
-from fluidact_fit.experiment import Experiment
+from fluidact_fit.experiment import Array, Experiment
 from fluidact_fit.families import get_family
 from fluidact_fit.family import FamilyOptions, Request
 
 NAMES = ("mass", "damping", "dead_zone_negative", "dead_zone_positive")
+
+
+def _position(phi: Array, push: Array, start: Array) -> Array:
+    """First state of the recursion ``x[k+1] = phi x[k] + push[k]``."""
+    states = scan(phi, push.__getitem__, start, len(push))
+    return np.concatenate([x[:, 0] for _, x in states])
 
 
 class DiscreteRoute:
@@ -54,8 +60,8 @@ class DiscreteRoute:
         w = apply_dead_zone(held, values["dead_zone_negative"], values["dead_zone_positive"])
         push = b * w.coefficients[:-1, :1] * np.ones(2)
         phi = np.array([[values["integrator_pole"], a], [0.0 * a, a]])
-        y = scan(phi, push, np.zeros(2))[:, 0]
-        speed = scan(phi, np.zeros((y.size - 1, 2)), np.array([0.0, 1.0]))[:, 0]
+        y = _position(phi, push, np.zeros(2, push.dtype))
+        speed = _position(phi, np.zeros(push.shape), np.array([0.0, 1.0]))
         return Basis(y, np.zeros((y.size, 0)), np.column_stack((speed, np.ones(y.size))))
 
     def fit(self, start: Mapping[str, float]) -> Fitted:

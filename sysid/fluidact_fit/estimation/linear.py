@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -128,7 +128,8 @@ def free_response(
     """
     count, chosen = grid.instants.size, list(states)
     phi = transition(a, None, grid.distinct)[0]
-    out = np.ones((len(chosen) + offset, count), dtype=np.result_type(phi, c)).T
+    out = np.empty((len(chosen) + offset, count), dtype=np.result_type(phi, c)).T
+    out[:, len(chosen) :] = 1.0
     responses = out[:, : len(chosen)]
     if phi.shape[0] > 1:
         each = phi[grid.which]
@@ -137,7 +138,8 @@ def free_response(
             return np.zeros((len(each[at]), c.size))
 
         for column, start in zip(responses.T, np.eye(c.size)[chosen]):
-            column[:] = scan(each, unforced, start, count - 1) @ c
+            for at, state in scan(each, unforced, start, count - 1):
+                column[at] = state @ c
         return out
     row = c
     for at in blocks(count):
@@ -155,7 +157,7 @@ def forced_response(
     *,
     dead_time: complex = 0.0,
     grid: Grid | None = None,
-    states: Array | None = None,
+    states: Iterable[tuple[slice, Array]] | None = None,
 ) -> Array:
     """Output of ``x' = A x + B u``, ``y(t) = C x(t - dead_time)`` at given instants.
 
@@ -172,70 +174,88 @@ def forced_response(
     grid
         Grouped nodes of the input, when the caller keeps them.
     states
-        What `states_at_nodes` returned for the same ``a``, ``b``, ``u`` and grid.
+        What `states_at_nodes` yielded for the same ``a``, ``b``, ``u`` and grid.
 
     Returns
     -------
     (k,)
     """
     grid = make_grid(u.nodes) if grid is None else grid
-    if states is None:
-        states = states_at_nodes(a, b, u, grid)
-    if instants is grid.instants and not np.iscomplexobj(dead_time) and dead_time == 0.0:
-        return np.asarray(states @ c)
-    out = np.zeros(instants.size, dtype=np.result_type(states, u.coefficients, c, dead_time))
-    shift, degree = -1j * np.imag(dead_time), u.coefficients.shape[1] - 1
-    for at in blocks(instants.size):
-        before, passed, which = _last_nodes(instants, at, dead_time, grid)
-        if passed.size == 0:
+    shift = -1j * np.imag(dead_time)
+    on_nodes = instants is grid.instants and dead_time == 0.0 and not np.iscomplexobj(dead_time)
+    kind = np.result_type(a, b, c, u.coefficients, u.kinks.offset, dead_time)
+    out = np.zeros(instants.size, dtype=kind)
+    for pieces, state in states_at_nodes(a, b, u, grid) if states is None else states:
+        if on_nodes:
+            out[pieces] = state @ c
             continue
-        inside, piece = before >= 0, np.maximum(before, 0)
-        moved = passed + shift if np.imag(dead_time) != 0.0 else passed
-        phi, gamma = _scaled_transition(a, b, moved, degree)
-        row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
-        state, coefficients = states[piece], u.coefficients[piece]
-        if moved.size == 1:
-            y = state @ row[0] + coefficients @ rows[0]
-        else:
-            y = np.einsum("kn,kn->k", state, row[which])
-            y = y + np.einsum("kd,kd->k", coefficients, rows[which])
-        if u.kinks.interval.size:
-            y = y + _kink_part(a, b, c, u, instants[at] - dead_time, piece)
-        out[at] = np.where(inside, y, 0.0)
+        for at in _answers(instants, pieces, dead_time, grid):
+            piece, passed, which = _last_nodes(instants, at, pieces, dead_time, grid)
+            moved = passed + shift if shift else passed
+            phi, gamma = _scaled_transition(a, b, moved, u.coefficients.shape[1] - 1)
+            row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
+            x, coefficients = state[piece - pieces.start], u.coefficients[piece]
+            if moved.size == 1:
+                out[at] = x @ row[0] + coefficients @ rows[0]
+            else:
+                out[at] = np.einsum("kn,kn->k", x, row[which])
+                out[at] += np.einsum("kd,kd->k", coefficients, rows[which])
+            if u.kinks.interval.size:
+                out[at] += _kink_part(a, b, c, u, instants[at] - dead_time, piece)
     return out
 
 
+def _side(dead_time: complex) -> float:
+    """What an instant may miss a node by and be on it [median steps].
+
+    An instant on a node belongs to either piece, but only the earlier one gives the slope for a
+    longer dead time: at zero there is no other direction.
+    """
+    return -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+
+
+def _answers(
+    instants: FloatArray, pieces: slice, dead_time: complex, grid: Grid
+) -> Iterator[slice]:
+    """Instants that answer to some pieces of the input, in blocks."""
+    late, side, unit = np.real(dead_time), _side(dead_time), grid.unit
+    if instants is grid.instants and grid.distinct.size == 1:
+        back = ceil(late / unit - side)
+        begin, end = (min(k + back, instants.size) for k in (pieces.start, pieces.stop))
+    else:
+        ends = [pieces.start, min(pieces.stop, grid.instants.size - 1)]
+        begin, end = np.searchsorted(instants, grid.instants[ends] + (late - side * unit))
+    if pieces.stop == grid.instants.size:
+        end = instants.size
+    if begin < end:
+        for at in blocks(end - begin):
+            yield slice(begin + at.start, begin + at.stop)
+
+
 def _last_nodes(
-    instants: FloatArray, at: slice, dead_time: complex, grid: Grid
+    instants: FloatArray, at: slice, pieces: slice, dead_time: complex, grid: Grid
 ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.integer[Any]]]:
     """Last nodes that act at a block of instants, ``(k,)``, and how long they have acted then.
 
-    A node is -1 where there is none. The times that have passed [s] are grouped; each instant
-    has one of them, the first where there is no node.
+    They are among those of ``pieces``. The times that have passed [s] are grouped; each instant
+    has one of them.
     """
-    late, unit = np.real(dead_time), grid.unit
-    # An instant on a node belongs to either piece, but only the earlier one gives the slope for a
-    # longer dead time: at zero there is no other direction.
-    side = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+    late, side, unit = np.real(dead_time), _side(dead_time), grid.unit
     if instants is grid.instants and grid.distinct.size == 1:
         back = ceil(late / unit - side)
-        before = np.maximum(np.arange(at.start, at.stop) - back, -1)
-        return before, np.array([max(back * unit - late, 0.0)]), np.zeros_like(before)
-    real = instants[at] - late
-    before = np.searchsorted(grid.instants, real + side * unit, side="right") - 1
-    inside = before >= 0
-    passed = np.maximum(real - grid.instants[np.maximum(before, 0)], 0.0)
-    which = np.zeros(real.size, dtype=np.intp)
-    distinct, which[inside] = group(passed[inside], unit)
-    return before, distinct, which
+        piece = np.arange(at.start, at.stop) - back
+        return piece, np.array([max(back * unit - late, 0.0)]), np.zeros_like(piece)
+    real, nodes = instants[at] - late, grid.instants[pieces]
+    piece = np.maximum(np.searchsorted(nodes, real + side * unit, side="right") - 1, 0)
+    return pieces.start + piece, *group(np.maximum(real - nodes[piece], 0.0), unit)
 
 
-def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
-    """States at the nodes of the input, ``(m, n)``, from rest."""
+def states_at_nodes(
+    a: Array, b: Array, u: PiecewiseInput, grid: Grid
+) -> Iterator[tuple[slice, Array]]:
+    """States at the nodes of the input from rest, block by block as `scan` yields them."""
     degree, kinks = u.coefficients.shape[1] - 1, u.kinks
     start = np.zeros(a.shape[0], dtype=np.result_type(a, b, u.coefficients, kinks.offset))
-    if grid.which.size == 0:
-        return start[None]
     phi, gamma = _scaled_transition(a, b, grid.distinct, degree)
     pieces, which, equal = u.coefficients[:-1], grid.which, phi.shape[0] == 1
     bent = kinks.interval

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import ceil
 
 import numpy as np
@@ -90,8 +90,10 @@ def behind_play(values: FloatArray, width: float) -> FloatArray:
     return clamped(float(values[0]), low, high, 0.0, values.size)
 
 
-def scan(phi: Array, forcing: Callable[[slice], Array], start: Array, count: int) -> Array:
-    """Solve ``x[j+1] = phi[j] x[j] + forcing[j]``.
+def scan(
+    phi: Array, forcing: Callable[[slice], Array], start: Array, count: int
+) -> Iterator[tuple[slice, Array]]:
+    """Solve ``x[j+1] = phi[j] x[j] + forcing[j]``, block by block.
 
     Parameters
     ----------
@@ -103,24 +105,25 @@ def scan(phi: Array, forcing: Callable[[slice], Array], start: Array, count: int
     count
         Number of steps.
 
-    Returns
-    -------
-    (count + 1, n), starting with ``start``.
+    Yields
+    ------
+    Indices and states of one block after the other, ``(m, n)``: ``count + 1`` states in all,
+    beginning with ``start``. Who does not keep them spares a long record their memory.
     """
     from scipy.linalg.blas import dtbsv, ztbsv
 
-    n = start.size
-    out = np.empty((count + 1, n), np.result_type(phi, start))
-    solve = ztbsv if out.dtype.kind == "c" else dtbsv
-    out[0], band = start, np.zeros((2 * n, 0))
+    n, kind = start.size, np.result_type(phi, start)
+    solve = ztbsv if kind.kind == "c" else dtbsv
+    band = np.zeros((2 * n, 0))
     for at in blocks(count):
         entries = (at.stop - at.start + 1) * n
         if phi.ndim == 3 or band.shape[1] < entries:
-            band = _band(phi[at] if phi.ndim == 3 else phi, entries // n, out.dtype)
-        states = np.concatenate((out[at.start], forcing(at).ravel()), dtype=out.dtype)
-        found = solve(2 * n - 1, band[:, :entries], states, lower=1, diag=1, overwrite_x=True)
-        out[at.start : at.stop + 1] = found.reshape(-1, n)
-    return out
+            band = _band(phi[at] if phi.ndim == 3 else phi, entries // n, kind)
+        driven = np.concatenate((start, forcing(at).ravel()), dtype=kind)
+        states = solve(2 * n - 1, band[:, :entries], driven, lower=1, diag=1, overwrite_x=True)
+        states, end = states.reshape(-1, n), at.stop + (at.stop == count)
+        yield slice(at.start, end), states[: end - at.start]
+        start = states[-1]
 
 
 def _band(phi: Array, count: int, kind: npt.DTypeLike) -> Array:

@@ -164,11 +164,10 @@ class TransferModel:
         a, b, c = map(real_if_real, self.law.realise(values))
         if self.law.dead_zone:
             edges = real_if_real(np.array([values[n] for n in EDGES]))
-            u = apply_dead_zone(u, *edges)
-            states = states_at_nodes(a, b, u, p.nodes)
+            u, states = apply_dead_zone(u, *edges), None
         else:  # dead times differ in the output equation alone
             states = self._remember(
-                ("states", index), (a, b), lambda: states_at_nodes(a, b, u, p.nodes)
+                ("states", index), (a, b), lambda: list(states_at_nodes(a, b, u, p.nodes))
             )
         y = forced_response(
             a, b, c, u, p.time, dead_time=values.get("dead_time", 0.0), grid=p.nodes, states=states
