@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -157,7 +157,6 @@ def forced_response(
     *,
     dead_time: complex = 0.0,
     grid: Grid | None = None,
-    states: Iterable[tuple[slice, Array]] | None = None,
 ) -> Array:
     """Output of ``x' = A x + B u``, ``y(t) = C x(t - dead_time)`` at given instants.
 
@@ -173,8 +172,6 @@ def forced_response(
         Any non-negative number [s].
     grid
         Grouped nodes of the input, when the caller keeps them.
-    states
-        What `states_at_nodes` yielded for the same ``a``, ``b``, ``u`` and grid.
 
     Returns
     -------
@@ -185,7 +182,7 @@ def forced_response(
     on_nodes = instants is grid.instants and dead_time == 0.0 and not np.iscomplexobj(dead_time)
     kind = np.result_type(a, b, c, u.coefficients, u.kinks.offset, dead_time)
     out = np.zeros(instants.size, dtype=kind)
-    for pieces, state in states_at_nodes(a, b, u, grid) if states is None else states:
+    for pieces, state in _states_at_nodes(a, b, u, grid):
         if on_nodes:
             out[pieces] = state @ c
             continue
@@ -250,7 +247,7 @@ def _last_nodes(
     return pieces.start + piece, *group(np.maximum(real - nodes[piece], 0.0), unit)
 
 
-def states_at_nodes(
+def _states_at_nodes(
     a: Array, b: Array, u: PiecewiseInput, grid: Grid
 ) -> Iterator[tuple[slice, Array]]:
     """States at the nodes of the input from rest, block by block as `scan` yields them."""

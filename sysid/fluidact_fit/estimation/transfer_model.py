@@ -6,7 +6,7 @@ A family gives its coefficients as a function of named values (:class:`Law`).
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -19,14 +19,13 @@ from ..specification import Plant, Simulated, UnmodelledEffect, Variant
 from .elimination import Eliminated
 from .grid import Grid, make_grid
 from .inputs import PiecewiseInput, apply_dead_zone, piecewise
-from .linear import forced_response, free_response, states_at_nodes
+from .linear import forced_response, free_response
 from .named_model import NamedModel, Values, bind
 from .problem import Basis, real_if_real
 from .response_model import Beginning, ResponseModel, ResponseOptions
 from .robust_weights import ROUNDS, huber_weights
 from .unmodelled_effects import initial_states, output_offset
 
-T = TypeVar("T")
 OptionsT = TypeVar("OptionsT", bound=ResponseOptions)
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 ANY = Beginning()
@@ -118,7 +117,7 @@ class TransferModel:
         self.several = several if begin.offset == "log" else []
         self.prepared = [self._prepare(e, drive) for e in experiments]
         self.measured = [e[output][p.unseen :] for e, p in zip(recorded, self.prepared)]
-        self._known: dict[tuple[str, int], tuple[bytes, Any]] = {}
+        self._free: dict[int, tuple[bytes, Array]] = {}  # with what they were computed of
 
     def level(self, signal: Signal) -> float:
         """Level of an input from which the response departs [its unit]."""
@@ -164,13 +163,9 @@ class TransferModel:
         a, b, c = map(real_if_real, self.law.realise(values))
         if self.law.dead_zone:
             edges = real_if_real(np.array([values[n] for n in EDGES]))
-            u, states = apply_dead_zone(u, *edges), None
-        else:  # dead times differ in the output equation alone
-            states = self._remember(
-                ("states", index), (a, b), lambda: list(states_at_nodes(a, b, u, p.nodes))
-            )
+            u = apply_dead_zone(u, *edges)
         y = forced_response(
-            a, b, c, u, p.time, dead_time=values.get("dead_time", 0.0), grid=p.nodes, states=states
+            a, b, c, u, p.time, dead_time=values.get("dead_time", 0.0), grid=p.nodes
         )
         return y[p.unseen :]
 
@@ -189,20 +184,13 @@ class TransferModel:
         if p.rest:
             return repeated(np.ones(int(p.own)), p.samples.instants.size)
         a, c, states = self.law.beginnings(values, p.own)
-        return self._remember(
-            ("free", index), (a, c), lambda: free_response(a, c, p.samples, states, p.own)
-        )
-
-    def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
-        """Compute unless the last real matrices were the same; complex ones never come again."""
-        if any(np.iscomplexobj(x) for x in of):
-            return compute()
-        now = b"".join(x.tobytes() for x in of)
-        known = self._known.get(key)
-        if known is None or known[0] != now:
-            known = self._known[key] = (now, compute())
-        found: T = known[1]
-        return found
+        of = a.tobytes() + c.tobytes()
+        known = self._free.get(index)
+        if known is None or known[0] != of:
+            known = of, free_response(a, c, p.samples, states, p.own)
+            if not np.iscomplexobj(known[1]):  # complex ones never come again
+                self._free[index] = known
+        return known[1]
 
     def named(self, nonlinear: Sequence[str]) -> NamedModel:
         """The model in the form the estimation takes."""
