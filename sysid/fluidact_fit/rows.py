@@ -46,6 +46,9 @@ def square_sum(values: FloatArray) -> float:
 def side_by_side(*columns: Array) -> Array:
     """Columns ``(n,)`` or ``(n, k)`` beside each other; each of them lies in one piece.
 
-    Tables of few columns are written so in a third of the time that whole rows take.
+    Tables of few columns are written so in a third of the time that whole rows take. Where a
+    single table has columns, it is not copied.
     """
-    return np.concatenate([x.T if x.ndim > 1 else x[None] for x in columns]).T
+    tables = [x.T if x.ndim > 1 else x[None] for x in columns]
+    filled = [x for x in tables if len(x)] or tables[:1]
+    return filled[0].T if len(filled) == 1 else np.concatenate(filled).T

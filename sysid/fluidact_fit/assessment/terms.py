@@ -209,17 +209,17 @@ def _changing_parameters(at: Optimum) -> Iterator[Term]:
     for s in at.series:
         t = all_of(s.experiment.time, s.used)
         ramps.append((t - t.mean()) / max(float(np.ptp(s.experiment.time)), np.finfo(float).tiny))
-    columns = {
-        k: [ramp * j[:, k] for ramp, j in zip(ramps, at.jacobians)]
-        for k, name in enumerate(at.names) if name in at.solution.parameters
-    }  # fmt: skip
-    columns = {k: c for k, c in columns.items() if root_mean_square(c) > 1e-12 * at.sigma}
-    for k, own in columns.items():
+    seen = [
+        k for k, name in enumerate(at.names) if name in at.solution.parameters
+        and root_mean_square([j[:, k] for j in at.jacobians]) > 1e-12 * at.sigma
+    ]  # fmt: skip
+    for k in seen:
         spec = at.variant.parameter(at.names[k])
         words = partial(_change_words, spec.name, at.unit(spec.name))
         yield Term(
-            f"change of {spec.name}", spec.unit, words, _CHANGE_REMEDY, own,
-            directions=len(columns), changed_parameter=spec.name,
+            f"change of {spec.name}", spec.unit, words, _CHANGE_REMEDY,
+            [ramp * j[:, k] for ramp, j in zip(ramps, at.jacobians)],
+            directions=len(seen), changed_parameter=spec.name,
             instruments=[ramp * z[:, k] for ramp, z in zip(ramps, at.instruments)],
         )  # fmt: skip
 

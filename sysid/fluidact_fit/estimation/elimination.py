@@ -130,14 +130,12 @@ class Tangent:
         return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
 
     def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
-        """Residuals and Jacobian of one experiment at a fit close by."""
+        """Residuals and Jacobian of one experiment at a fit close by; the derivatives are used up."""
         b, count = fit.bases[index], fit.linear.size
         rest = fit.problem.measured[index] - b.combined(fit.linear, fit.local[index])
         local, shared, rest = fit.problem.weigh(index, b.local, b.shared, rest)
-        jacobian = side_by_side(self.raw[index], shared)
-        by_local = np.column_stack((
-            self.tables[index].explained[:, count:-1], fit.tables[index].explained[:, :-1]
-        ))  # fmt: skip
-        for column, explained in zip(jacobian.T, by_local.T, strict=True):
+        by_local = self.tables[index].explained[:, count:-1]
+        for column, explained in zip(self.raw[index].T, by_local.T, strict=True):
             column -= local @ explained
-        return rest, jacobian
+        shared = shared - local @ fit.tables[index].explained[:, :-1]
+        return rest, side_by_side(self.raw[index], shared)

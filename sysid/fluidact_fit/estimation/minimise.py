@@ -179,7 +179,7 @@ def _share_left(length: float, before: float, gain: float, tolerance: float) -> 
     was worse than that.
     """
     wrong = abs(1.0 - gain)
-    left = min(1.0, 4.0 * wrong) if tolerance > 1e-3 else 1.0
+    left = min(1.0, 4.0 * wrong) if tolerance >= 1e-3 else 1.0
     return min(left, max(length / before, wrong)) if before and length < _CLOSE else left
 
 
