@@ -130,7 +130,7 @@ class Tangent:
         return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
 
     def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
-        """Residuals and Jacobian of one experiment at a fit close by; the derivatives are used up."""
+        """Residuals and Jacobian of one experiment at a fit close by; uses up the derivatives."""
         b, count = fit.bases[index], fit.linear.size
         rest = fit.problem.measured[index] - b.combined(fit.linear, fit.local[index])
         local, shared, rest = fit.problem.weigh(index, b.local, b.shared, rest)
