@@ -29,7 +29,7 @@ from fluidact_fit.errors import UsageError
 from fluidact_fit.export.c import write
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.c.fixed import Fixed, fixed
-from fluidact_fit.export.c.fixed_files import vectors_of
+from fluidact_fit.export.c.fixed_golden import vectors_of
 from fluidact_fit.export.golden import golden
 from fluidact_fit.export.rounding import CALLS, single
 from fluidact_fit.export.target import Arithmetic, Job

@@ -299,8 +299,8 @@ def _many(r: Routine, count: int, rng: np.random.Generator) -> npt.NDArray[np.fl
 def mutate_st(code: Code, share: float, rng: np.random.Generator) -> Count:
     """Change every constant of the function blocks; the interpreter of the tests runs them."""
     sys.path.insert(0, str(ROOT / "tests" / "export"))
-    from st_interpreter import Instance  # type: ignore[import-not-found]
-    from st_parser import Parser  # type: ignore[import-not-found]
+    from st_interpreter import Instance
+    from st_parser import Parser
 
     count = Count()
     ((_, content),) = structured_text.write_code(code).items()

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ difference is a table that is read to other names, units or numbers without a wa
 | --- | --- | --- | --- | --- |
 """
 # Units as people write them, with their size in SI: from tables of units, not from the program.
-_UNITS = {
+_UNITS: dict[str, list[tuple[str, Any]]] = {
     "s": [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("min", 60.0)],
     "Pa": [("Pa", 1.0), ("bar", 1e5), ("mbar", 100.0), ("kPa", 1e3), ("MPa", 1e6),
            ("psi", 6894.757293168361)],

@@ -311,8 +311,8 @@ class Row:
     def of(cls, entry: dict[str, Any]) -> Row:
         """What was kept."""
         taken = Taken(entry["seconds"], entry["memory"])
-        found = (entry[name] for name in ("family", "kind", "rows"))
-        return cls(*found, taken, entry["reading"], entry["deviations"])
+        family, kind, rows = (entry[name] for name in ("family", "kind", "rows"))
+        return cls(family, kind, rows, taken, entry["reading"], entry["deviations"])
 
 
 def measure_row(folder: Path, family: str, kind: str, rows: int) -> Row:

@@ -113,7 +113,7 @@ def recorded(path: Path) -> Draft:
     preamble, headers, delimiter, decimal = 0, 1, ",", "."
     for pattern, *form in _RECORDED:
         if path in _SHARED.glob(pattern):
-            preamble, headers, delimiter, decimal = form  # type: ignore[assignment]
+            preamble, headers, delimiter, decimal = form
     if path.parent.name == "valve":
         delimiter, decimal = ";", ","
     lines = [Line(t, "preamble") for t in _lines(path)[:preamble]]

@@ -159,7 +159,7 @@ def _without_processes() -> Iterator[None]:
     from fluidact_fit_cli.commands import batch
 
     kept = batch._pool
-    batch._pool = lambda *_: contextlib.nullcontext(_Here())  # type: ignore[assignment]
+    batch._pool = lambda *_: contextlib.nullcontext(_Here())
     try:
         yield
     finally:

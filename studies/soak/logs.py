@@ -58,7 +58,7 @@ def compare_readers(case: Case) -> Result:
     was = table.FAST_FROM_BYTES
     try:
         for bytes_ in (0, math.inf):
-            table.FAST_FROM_BYTES = bytes_  # type: ignore[assignment]
+            table.FAST_FROM_BYTES = bytes_
             try:
                 found.append(read_log(path))
             except FluidactError as error:

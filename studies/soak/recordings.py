@@ -321,11 +321,11 @@ def _forked() -> Iterator[None]:
             import_module(name)
     pa.set_memory_pool(pa.system_memory_pool())  # the usual one sets a GB of addresses aside
     kept = subprocess.Popen
-    subprocess.Popen = _Fork  # type: ignore[assignment, misc]
+    subprocess.Popen = _Fork
     try:
         yield
     finally:
-        subprocess.Popen = kept  # type: ignore[misc]
+        subprocess.Popen = kept
 
 
 def _used() -> float:

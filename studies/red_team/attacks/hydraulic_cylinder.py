@@ -114,11 +114,11 @@ def _moved(m: Plant, x: State, u: float, h: float, way: float) -> State:
     b = _rates(m, _add(x, a, 0.5 * h), u, way)
     c = _rates(m, _add(x, b, 0.5 * h), u, way)
     d = _rates(m, _add(x, c, h), u, way)
-    return tuple(s + h / 6.0 * (i + 2.0 * (j + k) + w) for s, i, j, k, w in zip(x, a, b, c, d))  # type: ignore[return-value]
+    return tuple(s + h / 6.0 * (i + 2.0 * (j + k) + w) for s, i, j, k, w in zip(x, a, b, c, d))
 
 
 def _add(x: State, rate: State, h: float) -> State:
-    return tuple(s + h * r for s, r in zip(x, rate))  # type: ignore[return-value]
+    return tuple(s + h * r for s, r in zip(x, rate))
 
 
 def _way(m: Plant, x: State) -> float:
@@ -307,7 +307,7 @@ def _bounds(
 
     def outputs(p: Mapping[str, float]) -> list[Array]:
         m = replace(
-            plant, losses=tuple(p[f"line_loss_{i}"] for i in (1, 2, 3, 4)),  # type: ignore[arg-type]
+            plant, losses=tuple(p[f"line_loss_{i}"] for i in (1, 2, 3, 4)),
             gain=p["valve_gain_1"], bulk_modulus=p["bulk_modulus"], viscous=p["viscous"],
             edges=(p["dead_zone_negative"], p["dead_zone_positive"]), coulomb=p["coulomb"],
             stiction=p.get("stribeck", plant.stiction),
@@ -328,7 +328,7 @@ def attacks() -> Iterator[Attack]:
         bounds: Callable[[], Mapping[str, float]] | None = None, **how: object,
     ) -> Attack:  # fmt: skip
         low, high = plant.edges
-        recorder = partial(record, plant=plant, **how)  # type: ignore[arg-type]
+        recorder = partial(record, plant=plant, **how)
         given = {**plant.given(**(changed or {})), **(options or {})}
         return Attack(
             "hydraulic-cylinder", group, name, plant.truth(), recorder, UNITS, options=given,

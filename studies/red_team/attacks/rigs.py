@@ -118,9 +118,9 @@ def _stopped(
         x += h * v
         if x > end:
             x, v = end, 0.0
-    x = out[:: hydrostatic.FINE]
-    noisy = x + sigma * x.std() * rng.standard_normal(x.size)
-    return [{"time": np.arange(x.size) * 0.01, "force": u[:: hydrostatic.FINE], "position": noisy}]
+    y = out[:: hydrostatic.FINE]
+    noisy = y + sigma * y.std() * rng.standard_normal(y.size)
+    return [{"time": np.arange(y.size) * 0.01, "force": u[:: hydrostatic.FINE], "position": noisy}]
 
 
 def _dead_band(
