@@ -17,6 +17,7 @@ from .estimation.solution import NoiseModel, Solution, make_solution
 from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
 from .parameters.document import ParameterDocument
+from .rows import LONG
 from .specification import (
     Information,
     NoiseLevel,
@@ -180,7 +181,7 @@ class Family(ABC, Generic[OptionsT]):
     options_type: type[OptionsT]
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
-    examined: ClassVar[int] = 200_000
+    examined: ClassVar[int] = LONG
     next_experiment: ClassVar[Excitation] = Excitation(
         "none", "the family cannot predict what an experiment would show"
     )

@@ -13,7 +13,7 @@ BoolArray = npt.NDArray[np.bool_]
 Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 
 BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
-LONG = 200_000  # samples of a series that its autocorrelation is judged by
+LONG = 200_000  # samples, beyond which a part of a record is looked at where that tells as much
 
 
 def blocks(rows: int) -> Iterator[slice]:

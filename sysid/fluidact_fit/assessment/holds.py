@@ -17,12 +17,12 @@ from ..estimation.solution import base_name, moved, number
 from ..experiment import Hold, Signal
 from ..family import Value
 from ..outcome import Simulation
+from ..rows import LONG
 from ..units import as_share
 from . import policy
 from .optimum import Optimum
 
 _ROUNDS = 3  # Gauss-Newton steps under another hold
-_LONG = 200_000  # samples of all runs together, beyond which no other hold is tried
 _WORDS: dict[Hold, str] = {
     "zoh": "held between its samples",
     "foh": "on straight lines between its samples",
@@ -55,7 +55,7 @@ def find_other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, 
     """
     at = at.part
     experiments = at.experiments
-    if sum(e.samples for e in experiments) > _LONG:
+    if sum(e.samples for e in experiments) > LONG:  # of all runs together
         return {}, []
     table: dict[str, Any] = {}
     notices: list[Notice] = []

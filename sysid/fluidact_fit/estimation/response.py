@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..rows import LONG
 from ..specification import Quantity, Simulate, Variant
 from .input_noise import InputNoise, moving_inputs
 from .named_input_noise import correct_named
@@ -37,7 +38,6 @@ from .starts import excerpt, time_scales
 from .whitening import Whitening
 
 _EXCERPT = 1500  # samples of the logs on which starts are searched for
-_MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
 _RIVALS = 6  # distinct points that are followed
 _RIVAL_COST = 10.0  # multiple of the best cost up to which a point may lead to a rival
 _SMOOTH = 0.02  # ratio of squared changes of residuals to their squares that shows no noise
@@ -117,8 +117,8 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     places = [task.values(problem, eta) for eta in optima]
     begin, places = cut_unrecorded(task, few, begin, places)
     ends, part = places[:3], None
-    if sum(e.samples for e in task.experiments) > _MANY:
-        part = task.named(excerpt(task.experiments, task.output, _MANY // 4), begin)
+    if sum(e.samples for e in task.experiments) > LONG:
+        part = task.named(excerpt(task.experiments, task.output, LONG // 4), begin)
         problem = bind(part, task.unknowns, task.held)
         ends = [task.values(problem, task.search(problem, ends).best.eta)]
     task.request.progress("fitting")
@@ -178,7 +178,7 @@ def _fit(
 ) -> tuple[Fitted, NamedModel, Beginning]:  # fmt: skip
     """Fit all samples, repeatedly until the response to inputs before the runs is left out."""
     # searches on long logs begin near their end only: every step takes long
-    again = starts if sum(e.samples for e in task.experiments) <= _MANY else ()
+    again = starts if sum(e.samples for e in task.experiments) <= LONG else ()
     for _ in range(_ROUNDS):
         model = _weighed(task, task.named(task.experiments, begin), ends)
         fitted = fit_named(
@@ -237,7 +237,7 @@ def _allow_for_input_noise(
         return fitted, None
     role = roles[0]
     given = task.request.noise.get(role)
-    if rows > _MANY or rows < 200 * len(experiments):
+    if rows > LONG or rows < 200 * len(experiments):
         said = [_not_allowed_for(role)] if given else []
         return replace(fitted, notices=[*fitted.notices, *said]), None
 
@@ -280,7 +280,7 @@ def _not_allowed_for(role: str) -> Notice:
     return Notice(
         "input-noise-left",
         f"the noise of '{role}' given with --noise could not be allowed for: that takes at least "
-        f"200 samples a run, and {_MANY} at most in all. Record longer runs, or cut the log with "
+        f"200 samples a run, and {LONG} at most in all. Record longer runs, or cut the log with "
         "--window.",
     )
 
