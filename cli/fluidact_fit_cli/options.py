@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError, closest
+from fluidact_fit.errors import FluidactError, ParameterFileError, UsageError
+from fluidact_fit.families import family_names
 
 from .errors import Invocation
 from .help_width import FittingHelp
@@ -18,6 +19,7 @@ from .parse import (
     collect,
     parse_count,
     parse_factor,
+    parse_family,
     parse_hold,
     parse_seconds,
     parse_sign,
@@ -147,6 +149,12 @@ def assignment(
 def flag(*names: str, group: str, help: str, **more: Any) -> Option:
     """An option without a value."""
     return Option(names, is_flag=True, group=group, help=help, **more)
+
+
+def family_option(help_text: str, group: str) -> Option:
+    """A model family."""
+    kind = Parsed("FAMILY", "--family valve", parse_family, f"one of {', '.join(family_names())}")
+    return Option(["--family"], type=kind, help=help_text, group=group)
 
 
 def json_option(what: str) -> Option:
@@ -298,31 +306,3 @@ def read_params(path: str, logs: Sequence[str]) -> ParameterDocument:
 
 def _listed(given: str | Iterable[str] | None) -> list[str]:
     return [given] if isinstance(given, str) else list(given or ())
-
-
-def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse roles that a family does not have, before any log is read."""
-    from fluidact_fit.logs.opening import split_part
-
-    known = list(known)
-    for option in _ROLE_OPTIONS:
-        check_names(f"--{option}", "role", params[option], known)
-    check_names("--step", "role", [split_part(key)[1] for key in params["step"]], known)
-    check_names("--from-name", "role", params["from_name"], known)
-    check_names("--set", "role", [split_part(text)[1] for text in params["set"]], known)
-
-
-def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that do not exist, with the closest that does (``UsageError``)."""
-    names = list(dict.fromkeys(known))
-    for name in given:
-        if name in names:
-            continue
-        close = closest(name, names)
-        raise UsageError(
-            f"{option} names the {noun} '{name}', which does not exist here.",
-            expected=f"There {'is' if len(names) == 1 else 'are'}: {', '.join(names)}."
-            if names
-            else f"There is no such {noun}.",
-            remedy=f"Did you mean '{close}'?" if close else f"Give {option} with one of them.",
-        )

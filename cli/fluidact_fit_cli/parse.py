@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError, closest
+from fluidact_fit.errors import closest
 from fluidact_fit.families import family_names
 from fluidact_fit.units.quantities import (
     NumberWithUnit,
@@ -38,23 +38,6 @@ def parse_quantities(text: str) -> tuple[float | NumberWithUnit, float | NumberW
     if isinstance(low, float) and isinstance(high, float):
         return parse_range(text)
     return low, high
-
-
-def converted(option: str, name: str, value: Any, units: Sequence[str]) -> Any:
-    """A number in the first of some units that its own one measures the same as.
-
-    ``value`` may be a pair of such numbers; ``name`` is empty where the option takes one value.
-    """
-    if isinstance(value, tuple):
-        return tuple(converted(option, name, end, units) for end in value)
-    try:
-        return in_si(value, *units)
-    except ValueError as error:
-        raise UsageError(
-            f"{option} {name}".rstrip() + f": {error}.",
-            expected=f"Expected a number in {' or '.join(dict.fromkeys(units))}, or with a unit "
-            "of the same quantity.",
-        ) from None
 
 
 def parse_seconds(text: str) -> float:

@@ -20,6 +20,7 @@ from .parameters.document import ParameterDocument
 from .presentation import Presented
 from .routines.routine import Argument, Routine
 from .specification import Role, Value, Variant, scalars
+from .units import after_number
 
 # Of a document and logs: what they give when simulated. Blocks themselves read no logs.
 LogSimulator = Callable[..., Any]
@@ -39,17 +40,22 @@ class ValidRange(NamedTuple):
         slack = max(_NEAR * (self.high - self.low), 1e-9 * max(abs(self.low), abs(self.high)))
         return np.asarray(v[(v < self.low - slack) | (v > self.high + slack)])
 
-    def departure(self, role: str, values: npt.ArrayLike) -> str:
-        """Say where values leave the range; empty where they do not."""
+    def departure(
+        self, role: str, values: npt.ArrayLike, text: Callable[[float], str] | None = None
+    ) -> str:
+        """Say where values leave the range, as ``text`` has them; empty where they do not."""
         beyond = self.left_by(values)
         if not beyond.size:
             return ""
         far = beyond.flat[np.argmax(np.abs(beyond - 0.5 * (self.low + self.high)))]
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        shown, low, high = map(text or self._text, (far, self.low, self.high))
         return (
-            f"{role} = {far:.6g}{unit} is outside {self.low:.6g} to {self.high:.6g}{unit}, the "
-            "range of the fitted data: the model extrapolates"
+            f"{role} = {shown} is outside {low} to {high}, the range of the fitted data: the model "
+            "extrapolates"
         )
+
+    def _text(self, value: float) -> str:
+        return f"{value:.6g}{after_number(self.unit)}"
 
 
 def are_samples(given: Any) -> bool:

@@ -120,6 +120,23 @@ def _parts(word: str) -> list[str]:
     return sorted(re.split("[-_ ]", word.lower()))
 
 
+def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse names that do not exist, with the closest that does (``UsageError``).
+
+    ``option`` is what gives them, ``noun`` what they are names of.
+    """
+    names = list(dict.fromkeys(known))
+    for name in given:
+        if name in names:
+            continue
+        close = closest(name, names)
+        raise UsageError(
+            f"{option} names the {noun} '{name}', which does not exist here.",
+            expected=f"Expected one of {', '.join(names)}." if names else f"There is no {noun}.",
+            remedy=f"Did you mean '{close}'?" if close else f"Give {option} with one of them.",
+        )
+
+
 def in_python(text: str) -> str:
     """Turn a message in the words of the command line into those of Python.
 

@@ -16,7 +16,14 @@ from threadpoolctl import threadpool_limits
 from .arguments import is_truth, require, shown
 from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
-from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
+from .errors import (
+    LogError,
+    Notice,
+    NotIdentifiedError,
+    ParameterFileError,
+    UsageError,
+    check_names,
+)
 from .estimation.budget import Budget, counting
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
@@ -154,19 +161,21 @@ def fit(
     require("text", command=command or "")
     chosen = get_family(family)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
-    units_of = _units_by_name(p for v in chosen.variants for p in v.parameters)
+    units_of = units_of_numbers(chosen)
     units_of_roles = _units_by_name(r for v in chosen.variants for r in v.roles)
     if is_truth(seed) or not isinstance(seed, Integral) or seed < 0:
         raise UsageError(f"seed={shown(seed)} is not a whole number from 0.")
     request = Request(
         options=chosen.options_type.read(options),
-        fixed=_numbers("--fix", fixed, units_of),
-        start=_numbers("--start", start, units_of),
+        fixed=numbers_in_si("--fix", fixed, units_of),
+        start=numbers_in_si("--start", start, units_of),
         bounds=_pairs(bounds, units_of),
-        noise=_numbers("--noise", noise, units_of_roles),
+        noise=numbers_in_si("--noise", noise, units_of_roles),
         seed=seed,
         progress=progress or (lambda message: None),
     )
+    for option, named in (("--fix", fixed), ("--start", start), ("--bounds", bounds)):
+        check_names(option, "single-valued parameter", named or {}, units_of)
     if controller_sample_time is not None:
         controller_sample_time = in_seconds("controller_sample_time", controller_sample_time)
         require("number", controller_sample_time=controller_sample_time)
@@ -281,6 +290,11 @@ def _open(
     return _Opened(variant, experiments, notices, sources, declared, judged, inputs)
 
 
+def units_of_numbers(family: Family[Any]) -> dict[str, list[str]]:
+    """Single-valued parameter to the SI units that it has in the variants of a family."""
+    return _units_by_name(p for v in family.variants for p in v.parameters if p.rank == 0)
+
+
 def _units_by_name(declared: Iterable[ParameterSpec | Role]) -> dict[str, list[str]]:
     """Name of a parameter or role to the SI units that it has in the variants of a family."""
     out: dict[str, list[str]] = {}
@@ -289,8 +303,8 @@ def _units_by_name(declared: Iterable[ParameterSpec | Role]) -> dict[str, list[s
     return out
 
 
-def _numbers(
-    option: str, given: Mapping[str, float | str] | None, units_of: Mapping[str, Sequence[str]]
+def numbers_in_si(
+    option: str, given: Mapping[str, Any] | None, units_of: Mapping[str, Sequence[str]]
 ) -> dict[str, float]:
     """Values by name as finite numbers in SI; ``UsageError`` for anything else."""
     if not isinstance(given or {}, Mapping) or not all(isinstance(n, str) for n in given or {}):
@@ -304,7 +318,7 @@ def _numbers(
     }
 
 
-def _number(what: str, value: float | str, units: Sequence[str]) -> float:
+def _number(what: str, value: float | str | NumberWithUnit, units: Sequence[str]) -> float:
     """A finite number in SI; ``UsageError`` for anything else."""
     try:
         quantity = parse_quantity(value) if isinstance(value, str) else value
@@ -315,11 +329,13 @@ def _number(what: str, value: float | str, units: Sequence[str]) -> float:
             raise TypeError("a truth value")
         return float(plausible(number))
     except (TypeError, ValueError) as error:
-        why = f": {error}" if isinstance(value, str) else " is not a number"
+        why = f": {error}" if isinstance(value, str | NumberWithUnit) else " is not a number"
         if isinstance(value, float | int):
             why = f" is {error}"
         raise UsageError(
-            f"{what}{why}.", remedy="Give a number, in SI or as text with its unit."
+            f"{what}{why}.",
+            remedy=f"Give a number in {' or '.join(dict.fromkeys(units)) or 'SI'}, or with a unit "
+            "of the same quantity.",
         ) from None
 
 

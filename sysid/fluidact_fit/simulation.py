@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Unpack
 from warnings import warn
 
@@ -68,7 +69,8 @@ def beyond_validity(document: ParameterDocument, runs: Sequence[Experiment]) -> 
             ends = [signal.values.min(), signal.values.max()]
             if signal.values.size == 1:  # of a step
                 ends.append(signal.before)
-            if text := known.departure(role.name, np.array(ends, dtype=float)):
+            shown = partial(signal.text, form=".6g")
+            if text := known.departure(role.name, np.array(ends, dtype=float), shown):
                 found.append(Notice("beyond-validity", f"{run.name}: {text}."))
                 break
     return found

@@ -36,7 +36,7 @@ from .estimation.uncertainty import fit_autoregression, innovations
 from .experiment import FloatArray, where_finite
 from .families import family_names, get_family
 from .family import Family, FamilyOptions, Structure
-from .fitting import fit
+from .fitting import fit, numbers_in_si, units_of_numbers
 from .logs import Log, LogLike, Reading, open_logs
 from .outcome import Simulation, agreement
 from .result import FitResult
@@ -154,7 +154,7 @@ def compare_structures(
     family: str,
     logs: Sequence[LogLike] | LogLike,
     *,
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
     progress: Callable[[str], None] | None = None,
     **options: Any,
 ) -> StructureComparison:
@@ -167,7 +167,7 @@ def compare_structures(
     logs
         As :func:`.fitting.fit` takes them.
     fixed
-        Parameters held in all structures, by name [SI].
+        Parameters held in all structures, by name, in SI or as text with a unit.
     progress
         Called with progress messages.
     **options
@@ -186,7 +186,8 @@ def compare_structures(
     LogError
         When the logs cannot be used by any.
     """
-    chosen, held = get_family(family), dict(fixed or {})
+    chosen = get_family(family)
+    held = numbers_in_si("--fix", fixed, units_of_numbers(chosen))
     structures = _structures(chosen, options, held)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     trial = _Trial(family, open_logs(logs, **how), held, options, progress or (lambda words: None))

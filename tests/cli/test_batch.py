@@ -221,5 +221,15 @@ def test_the_terminal_says_once_why_jobs_have_failed(apart: Run, inside: Path) -
     (inside / "jobs.csv").write_text("job,family,logs\n" + rows, encoding="utf-8")
     done = apart("batch", "jobs.csv", "-o", "out", "--workers", "1", cwd=inside)
     assert done.status == 0
-    assert done.err.count("there is no family 'nofam'") == 1
+    assert done.err.count("there is no model family 'nofam'") == 1
     assert "error: job 0 and 2 more: " in done.err
+
+
+def test_a_family_that_does_not_exist_is_refused_before_any_job_runs(
+    here: Run, inside: Path
+) -> None:
+    (inside / "a.csv").write_text("time,command,outlet\n", encoding="utf-8")
+    done = here("batch", "--family", "valvw", "--logs", "*.csv", "-o", "out")
+    assert done.status == 2
+    assert "'valve' is the nearest name" in done.err
+    assert not (inside / "out").exists()

@@ -65,7 +65,7 @@ def test_every_family(
         ("valve", ["--fix", "gain=1e200"], "'1e200' is too large"),
         ("valve", ["--bounds", "gain=0:1e200"], "'1e200' is too large"),
         ("line", ["--controller-sample-time", "1e8"], "what the longest run lasts"),
-        ("line", ["--fix", "gain=1bar"], "--fix gain: unit 'bar' is a pressure"),
+        ("line", ["--fix", "gain=1bar"], "--fix gain=1 bar: unit 'bar' is a pressure"),
         ("cylinder-friction", ["--deadband", "5kg"], "for example --deadband 1.5m/s"),
         ("valve", ["--step", "command=0:1@1e6"], "log.csv ends before that"),
         ("hydrostatic", ["--start", "mass=-1e99"], "'-1e99' is too large"),

@@ -32,6 +32,8 @@ def test_numbers_may_have_units(here: Run, valve: Log, inside: Path) -> None:
 
 
 @pytest.mark.parametrize(("option", "value", "told"), [
+    ("--set", "comand=2 V", "--set names the role 'comand', which does not exist here"),
+    ("--step", "comand=0:2", "--step names the role 'comand', which does not exist here"),
     ("--fix", "natural_frequency=20 bar", "unit 'bar' is a pressure"),
     ("--fix", "natural_frequency=20 furlongs", "furlongs"),
     ("--bounds", "gain=2 kPa/V:1 kPa/V", "2000 is not below 1000"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from studies.red_team.attacks import line
@@ -14,6 +16,7 @@ from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, find_constant_signals
 
 T = np.arange(2000) * 0.01
+GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 
 
 @pytest.mark.parametrize(
@@ -87,3 +90,12 @@ def test_a_value_in_the_unit_of_the_log() -> None:
     assert signal.text(3.5e5) == "3.5 bar"
     assert Signal("inlet", T, T, "Pa").text(12.0) == "12 Pa"
     assert Signal("reading", T, T, "1").text(12.0) == "12"
+
+
+def test_an_input_beyond_the_range_of_the_file() -> None:
+    """It was said in Pa of a log in bar."""
+    document = ff.read_document(GOLDEN / "line.yaml")
+    inlet = np.where(T < 5.0, 2.0, 9.0)
+    log = {"t (ms)": 1e3 * T, "p_valve (bar)": inlet, "p_chamber (bar)": inlet - np.cos(T)}
+    (message,) = [n.message for n in ff.check(document, log).notices if n.code == "beyond-validity"]
+    assert "inlet = 9 bar is outside 1.1035 bar to 5.8398 bar" in message

@@ -14,7 +14,7 @@ import click
 from fluidact_fit.errors import StrictError, UsageError
 
 from ..messages import tell_message
-from ..options import VERBOSITY, Command, Option, flag
+from ..options import VERBOSITY, Command, Option, family_option, flag
 from ..outputs import check_folder, note_written
 from ..progress import Progress
 from ..show import echo, echo_table, echo_text
@@ -41,7 +41,7 @@ _PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
                help="Where to write; made when it does not exist."),
         flag("--force", "-f", group="Output",
              help="Run finished jobs again, and replace files that no earlier run wrote."),
-        Option(["--family"], metavar="FAMILY", group=_ALIKE, help="Family of all jobs."),
+        family_option("Family of all jobs.", _ALIKE),
         Option(["--logs"], metavar="PATTERN", multiple=True, group=_ALIKE,
                help="Which logs, for example 'fleet/**/*.csv'. Repeatable."),
         Option(["--group-by"], metavar="file|folder|PATTERN", group=_ALIKE,

@@ -16,7 +16,7 @@ from fluidact_fit.batch.jobs import Job
 from fluidact_fit.batch.outcome import Number, Outcome, Task, write_record
 from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
-from fluidact_fit.families import family_names, get_family
+from fluidact_fit.families import get_family
 from fluidact_fit.files import shell_command
 from fluidact_fit.parameters import make_document
 
@@ -94,10 +94,7 @@ def _run(task: Task) -> BaseException | None:
 
 
 def _check(family: str, words: Sequence[str]) -> None:
-    if family not in family_names():
-        raise UsageError(f"there is no family {family!r}.",
-                         expected=f"Families: {', '.join(family_names())}.",
-                         remedy="Correct the name in the list of jobs.")  # fmt: skip
+    get_family(family)
     for word in words:
         if word.partition("=")[0] in _OURS or _SHORT.match(word):
             raise UsageError(

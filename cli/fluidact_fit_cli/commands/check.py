@@ -42,11 +42,9 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
       - a parameter moved by more than 4 combined standard errors and by more than 2 %.
     """
     from fluidact_fit.check import check
-    from fluidact_fit.simulation import variant_of
 
     refuse_twice(logs)
     document = options.read_params(params_file, logs)
-    options.check_role_names(params, [role.name for role in variant_of(document).roles])
     with closing(Progress(params["quiet"], params["verbose"], stages=_STAGES)) as progress:
         progress("reading")
         found = check(document, list(logs), progress=progress, **options.reading(params))

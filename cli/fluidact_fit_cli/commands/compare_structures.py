@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError
-from fluidact_fit.families import get_family
-
 from .. import options
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options
+from ..outputs import refuse_twice
 from ..progress import Progress
 from ..show import echo, echo_json, echo_table, echo_text, format_number
-from .fit_family import PARAMETERS, check_family_names, in_si
+from .fit_family import PARAMETERS
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -41,11 +39,7 @@ def run(
     """Fit and judge the structures, and show the table with the command to run next."""
     from fluidact_fit.structures import compare_structures
 
-    family = get_family(name)
-    check_family_names(family, params)
-    if len(set(files)) < len(files):
-        raise UsageError("a log is given twice.", remedy="Give each log once.")
-    params = {**params, **in_si(family, params)}
+    refuse_twice(files)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         found = compare_structures(

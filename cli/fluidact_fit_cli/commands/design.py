@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fluidact_fit.errors import UsageError
-from fluidact_fit.families import family_names
+from fluidact_fit.families import family_names, get_family
 from fluidact_fit.units.quantities import parse_quantity
 
-from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_option, parsed
+from ..options import FORCE, VERBOSITY, Command, Option, json_option, parsed
 from ..outputs import check_targets, write_all
-from ..parse import converted, parse_quantities, parse_seconds
+from ..parse import parse_quantities, parse_seconds
 from ..progress import Progress
 from ..show import echo, echo_json, echo_text, show_table
 
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design
-    from fluidact_fit.parameters import ParameterDocument
 
 _LIMITS = "Limits (in SI, or with a unit: 0:50mm)"
 
@@ -73,7 +71,7 @@ def command(
     from fluidact_fit.excitation import design as make_design
 
     if params_file is not None:
-        check_names("FAMILY", "family", [family], family_names())
+        get_family(family)
     elif family in family_names():
         raise UsageError(
             "the parameter file of the present fit is missing.",
@@ -86,9 +84,8 @@ def command(
     if params_file is not None and document.family != family:
         raise UsageError(
             f"{params_file} is of the family {document.family}, not {family}.",
-            remedy=f"Give `design {document.family}`, or another file.",
+            remedy=f"Give `design {document.family} --from {params_file}`, or another file.",
         )
-    params |= _limits_in_si(document, params)
     names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         found = make_design(document, progress=progress, **{n: params[n] for n in names})
@@ -98,15 +95,6 @@ def command(
         echo_json(found.to_dict())
     elif not params["quiet"]:
         _show(found, output, params["verbose"])
-
-
-def _limits_in_si(document: ParameterDocument, params: Mapping[str, Any]) -> dict[str, Any]:
-    """The given limits that have units of their own, in SI."""
-    from fluidact_fit.excitation import limit_units
-
-    given = {n: params[n] for n in ("amplitude", "rate", "stroke") if params[n] is not None}
-    units = limit_units(document) if given else {}
-    return {n: converted(f"--{n}", "", value, [units[n]]) for n, value in given.items()}
 
 
 def _show(found: Design, output: str | None, verbose: bool) -> None:

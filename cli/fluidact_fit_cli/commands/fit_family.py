@@ -32,8 +32,6 @@ from ..options import (
     Command,
     Option,
     assignment,
-    check_names,
-    check_role_names,
     flag,
     parsed,
     read_logs,
@@ -41,7 +39,7 @@ from ..options import (
 )
 from ..outputs import check_places, refuse_existing, refuse_twice, write_all
 from ..parameter_table import echo_parameters
-from ..parse import converted, parse_quantities, parse_seconds, parse_window
+from ..parse import parse_quantities, parse_seconds, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
 from ..show import echo_json, echo_text, json_text
@@ -139,8 +137,6 @@ def run_fit(
 ) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = targets_of(family.name, params)
-    check_family_names(family, params)
-    params = {**params, **in_si(family, params)}
     _check_files(params, targets)
     _refuse_existing(family, params, targets)
     validated = params["validate"] or params["validate_window"] is not None
@@ -178,15 +174,6 @@ def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
         output = f"{name}.yaml"
     asked = {f"--{name}": params[name] for name in ("plot", "report", "details")} | {"-o": output}
     return {option: path for option, path in asked.items() if path is not None}
-
-
-def check_family_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
-    """Refuse roles and parameters that the family has not."""
-    check_role_names(params, [r.name for v in family.variants for r in v.roles])
-    _check_parameter_names(family, params)
-    if family.allows_for_input_noise:  # the fit refuses the option itself for the others
-        driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
-        check_names("--noise", "input", params["noise"], list(driving))
 
 
 def _check_files(params: Mapping[str, Any], targets: Mapping[str, str]) -> None:
@@ -233,34 +220,6 @@ def _check_suffix(path: str) -> None:
             remedy="For JSON, give --json and redirect standard output, or export --to json."
             if json else "--plot writes pictures, --report a page.",
         )  # fmt: skip
-
-
-def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
-    specs = [p for v in family.variants for p in v.parameters]
-    for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
-        for name in params[key]:
-            if any(p.name == name and p.rank > 0 for p in specs):
-                raise UsageError(
-                    f"{option} takes single numbers, and {name} is a list.",
-                    remedy=f"Leave out {option} {name}=...",
-                )
-        check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
-
-
-def in_si(family: Family[FamilyOptions], params: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers with a unit in the SI unit of their parameter or role, by option."""
-    specs = [p for v in family.variants for p in v.parameters]
-    roles = [r for v in family.variants for r in v.roles]
-    out: dict[str, Any] = {}
-    for option, known in (("fix", specs), ("start", specs), ("bounds", specs), ("noise", roles)):
-        out[option] = {
-            name: converted(f"--{option}", name, value, [x.unit for x in known if x.name == name])
-            for name, value in params[option].items()
-        }
-    for name, (low, high) in out["bounds"].items():
-        if low >= high:
-            raise UsageError(f"--bounds {name}: {low:g} is not below {high:g}.")
-    return out
 
 
 def _fit(

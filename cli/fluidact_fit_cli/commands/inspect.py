@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.families import family_names, get_family
-
 from .. import options
 from ..advice_lines import echo_advice
 from ..channel_lines import echo_channels, echo_relations, troubles
 from ..errors import Invocation
 from ..messages import echo_notices
 from ..outputs import check_targets, write_all
-from ..parse import Parsed, parse_family
 from ..progress import Progress
 from ..show import echo, echo_json, echo_text
 
@@ -40,11 +37,8 @@ _LISTED = 8  # lines that were left out, one by one
     cls=options.Command,
     params=[
         click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
-        options.Option(["--family"], group="Output",
-                       type=Parsed("FAMILY", "--family valve", parse_family,
-                                   f"one of {', '.join(family_names())}"),
-                       help="Judge the log for this model family alone, and refuse it where it "
-                       "cannot be used."),
+        options.family_option("Judge the log for this model family alone, and refuse it where it "
+                              "cannot be used.", "Output"),
         options.flag("--trial/--no-trial", group="Output", default=True,
                      help="Fit the likeliest families to see what they determine. Default: yes, "
                      "of logs of up to 50,000 rows."),
@@ -71,9 +65,6 @@ def command(
     from fluidact_fit.inspection import Inspection, describe_log
     from fluidact_fit.logs.columns import find_column
 
-    if family is not None:
-        variants = get_family(family).variants
-        options.check_role_names(params, [r.name for v in variants for r in v.roles])
     invocation = click.get_current_context().find_object(Invocation)
     words = options.typed_words(invocation, "inspect", _NO_FIT) if invocation else None
     if plot is not None:

@@ -17,8 +17,6 @@ from ..options import (
     Command,
     Option,
     assignment,
-    check_names,
-    check_role_names,
     json_option,
     parsed,
     read_logs,
@@ -105,9 +103,6 @@ def command(
     _check_source(logs, params, inputs[0])
     if output is not None:
         check_targets({"-o": output}, [params_file, *logs], force)
-    roles = [role.name for role in variant.roles]
-    check_role_names(params, roles)
-    check_names("--input", "role", [r for r in params["input"] if r not in roles], inputs)
     runs = _with_logs(document, logs, params) if logs else _with_steps(document, params)
     text = to_csv(document, runs)
     if output is None:

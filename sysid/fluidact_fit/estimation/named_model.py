@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
+from ..errors import UsageError, check_names
 from ..experiment import Array, FloatArray
 from ..options import FamilyOptions
 from ..specification import ParameterSpec, Request
@@ -216,19 +216,14 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
         Naming the option, the parameters there are, and the possible range.
     """
     by_name = {s.name: s for s in specs}
-    known = ", ".join(s.name for s in specs if s.rank == 0)
+    known = [s.name for s in specs if s.rank == 0]
     for option, given in (
         ("--fix", request.fixed),
         ("--start", request.start),
         ("--bounds", request.bounds),
     ):
+        check_names(option, "single-valued parameter", given, known)
         for name, value in given.items():
-            if name not in by_name or by_name[name].rank != 0:
-                raise UsageError(
-                    f"{option} {name}=...: there is no such single-valued parameter",
-                    expected=f"The parameters are: {known}." if known else "",
-                    remedy="Correct the name.",
-                )
             spec = by_name[name]
             pair = value if isinstance(value, tuple) else (value, value)
             if pair[0] > pair[1]:

@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import LogError, MissingColumnError, Notice, UsageError, closest, visible
+from ..errors import (
+    LogError,
+    MissingColumnError,
+    Notice,
+    UsageError,
+    check_names,
+    closest,
+    visible,
+)
 from ..experiment import is_finite
 from ..specification import Role
 from ..units import (
@@ -86,25 +94,16 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
     """Refuse options that name a role the family does not have, or that do not apply to it."""
     known = {role.name: role for role in roles}
     options = {
+        "--step": [name for name, step in log.steps.items() if step.start != step.end],
+        "--set": [name for name, step in log.steps.items() if step.start == step.end],
         "--column": log.bindings,
         "--unit": log.units,
         "--scale": log.scales,
-        "--step": log.steps,
         "--hold": log.holds,
         "--unwrap": log.turns,
     }
     for option, given in options.items():
-        for name in given:
-            if name in known:
-                continue
-            remedy = f"Give {option} with one of them."
-            if close := closest(name, known):
-                remedy = f"Did you mean '{close}'?"
-            raise UsageError(
-                f"{option} names the role '{name}', which this family does not have.",
-                expected=f"Its roles are {', '.join(known)}.",
-                remedy=remedy,
-            )
+        check_names(option, "role", given, known)
     for name, step in log.steps.items():
         option, what = ("--set", "constant") if step.start == step.end else ("--step", "step")
         if name == "time" or known[name].output:

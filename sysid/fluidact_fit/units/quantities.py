@@ -47,6 +47,9 @@ class NumberWithUnit:
     number: float
     unit: str
 
+    def __repr__(self) -> str:
+        return f"{self.number:g} {self.unit}"
+
     def in_unit(self, si_unit: str) -> float:
         """The number in an SI unit; ``ValueError`` where the unit measures something else."""
         try:
