@@ -56,7 +56,7 @@ def test_a_misspelt_cut_or_swapped_family_is_recognised(word: str, meant: str) -
 
 def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> None:
     error = UsageError("--mass was given", where="a.csv", remedy="Leave --mass out.")
-    assert str(error) == "a.csv: mass was given\nLeave mass out."
+    assert str(error) == "a.csv: mass was given.\nLeave mass out."
     assert error.text == "a.csv: --mass was given\nLeave --mass out."
 
 
@@ -94,3 +94,13 @@ def test_a_fit_takes_what_a_message_advises() -> None:
     assert {*Reading.__annotations__} - of_several == {*inspect.signature(read_log).parameters} - {
         "path"
     }
+
+
+@pytest.mark.parametrize(("what", "text"), [
+    ("does not exist", "a.yaml: does not exist."),
+    ("is empty.", "a.yaml: is empty."),
+    ("is no log, is it?", "a.yaml: is no log, is it?"),
+    ("not valid (2 problems):\n  one\n  two", "a.yaml: not valid (2 problems):\n  one\n  two"),
+])  # fmt: skip
+def test_what_was_found_is_a_sentence(what: str, text: str) -> None:
+    assert UsageError(what, where="a.yaml").text == text

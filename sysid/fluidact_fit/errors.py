@@ -227,6 +227,8 @@ class FluidactError(Exception):
         self.expected = expected
         self.remedy = remedy
         head = f"{where}: {what}" if where else what
+        if "\n" not in what and not what.endswith((".", ":", "?", "!")):
+            head += "."
         self.text = "\n".join(part for part in (head, expected, remedy) if part)
         super().__init__(self.text)
 
