@@ -388,3 +388,14 @@ def test_worst_criterion_reaches_the_least_largest_error() -> None:
     )  # fmt: skip
     # a norm of order eight of three numbers is at most 3 ** (1 / 8) times the largest
     assert found <= 3.0 ** (1.0 / 8.0) * np.exp(direct.fun)
+
+
+def test_a_design_takes_units_and_says_what_the_command_line_prints() -> None:
+    file = Path(__file__).parent / "golden" / "0.1.0" / "line.yaml"
+    found = design(file, amplitude=("1 bar", "6 bar"), duration=2.0)
+    assert found.limits.amplitude == (1e5, 6e5)
+    assert repr(found.table()) in str(found)
+    assert f"line: {found.description}" in str(found)
+    assert "binding limits: " in str(found)
+    with pytest.raises(UsageError, match="unit 'mm' is a length"):
+        design(file, amplitude=("1 mm", "6 mm"))

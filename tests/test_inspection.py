@@ -25,7 +25,7 @@ def test_a_notebook_shows_columns_and_the_command() -> None:
     found = ff.inspect(LINE, trial=False)
     page = found._repr_html_()
     assert page.count("<table>") == 2
-    assert "next: <code>fluidact-fit line" in page
+    assert "<p>next: fluidact-fit line" in page
     assert "p_chamber (bar)" in repr(found.table())
     assert found.suggestions[0].command in found.summary()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from fluidact_fit.errors import OutputError, UsageError
-from fluidact_fit.files import refuse_outputs
+from fluidact_fit.files import check_suffix, refuse_outputs
 from fluidact_fit.parameters.atomic import names_directory, write_together
 
 from .errors import Invocation
@@ -96,13 +96,8 @@ def _check_name(option: str, path: str, also: Sequence[str] = ()) -> None:
         )
     if not path.strip() or "\0" in path:
         raise UsageError(f"{option} has no file name.", remedy="Give one.")
-    suffixes = (*_SUFFIXES[option], *also) if option in _SUFFIXES else ()
-    if suffixes and Path(path).suffix.lower() not in suffixes:
-        raise UsageError(
-            f"{option} {path} has an unknown suffix.",
-            expected=f"Expected one of {', '.join(suffixes)}.",
-            remedy=f"Give for example {option} {Path(path).stem or 'fit'}{suffixes[0]}.",
-        )
+    if option in _SUFFIXES:
+        check_suffix(f"{option} {path}", path, (*_SUFFIXES[option], *also))
 
 
 def _check_place(option: str, path: str) -> None:

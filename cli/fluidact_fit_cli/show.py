@@ -14,7 +14,7 @@ from typing import Any, TextIO
 import click
 
 from fluidact_fit.errors import OutputError, visible
-from fluidact_fit.tables import Table
+from fluidact_fit.tables import Shown, Table
 from fluidact_fit.tables import format_interval as format_interval
 from fluidact_fit.tables import format_number as format_number
 from fluidact_fit.tables import format_spread as format_spread
@@ -118,6 +118,17 @@ def paint(text: str, stream: TextIO | None = None) -> str:
 def echo_painted(*parts: str) -> None:
     """Print parts of a line, each in the colour of its word."""
     _print("".join(paint(visible(part)) for part in parts) + "\n")
+
+
+def show(found: Shown) -> None:
+    """Print the parts of a result, blank lines between them."""
+    for k, part in enumerate(found.parts()):
+        if k:
+            echo()
+        if isinstance(part, Table):
+            show_table(part)
+        else:
+            echo_text(part)
 
 
 def show_table(table: Table) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -23,7 +22,7 @@ from .parameters.document import ParameterDocument
 from .presentation import ParametersLike, document_of, weak_file
 from .recall import open_as_fitted, recall_logs
 from .simulation import prepare_logs, simulate_runs, variant_of
-from .tables import Table, format_number, format_spread, percent_text
+from .tables import Shown, Table, format_number, format_spread, percent_text
 from .units import after_number, display_unit
 
 MOST_STD_ERRORS = 4.0
@@ -76,7 +75,7 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Shown):
     """The outcome of a check [SI]; its tables are in the ``recorded_units`` where these suit."""
 
     family: str
@@ -106,24 +105,11 @@ class Check:
         )  # fmt: skip
         return Table(("log", "fit", "rmse", "limit", ""), rows, right=(1, 2, 3))
 
-    def summary(self) -> str:
-        """Return verdict, agreement with the logs and drift of the parameters as text."""
-        parts = [self._headline(), repr(self.log_table())]
-        parts += [repr(self.table())] if self.drifts else []
-        parts += ["\n".join(self._said())] if self._said() else []
-        return "\n\n".join(parts)
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """The same for notebooks."""
-        tables = [self.log_table(), *([self.table()] if self.drifts else [])]
-        said = "".join(f"<li>{html.escape(text)}</li>" for text in self._said())
-        return "".join(
-            [f"<p>{html.escape(self._headline())}</p>", *(t._repr_html_() for t in tables),
-             f"<ul>{said}</ul>" if said else ""]
-        )  # fmt: skip
+    def parts(self) -> list[Table | str]:
+        """Return verdict, agreement with the logs, drift of the parameters, and what was said."""
+        notices = (f"({n.code}) {in_python(n.message)}" for n in self.notices)
+        said = "\n".join([*self.reasons, *notices])
+        return [f"{self.family}: {self.headline}", self.log_table(), self.table(), said]
 
     @property
     def headline(self) -> str:
@@ -135,12 +121,6 @@ class Check:
         if weak or not any(log.tells for log in self.logs):
             return "these logs do not contradict the model, and show too little to confirm it"
         return "the model still fits"
-
-    def _headline(self) -> str:
-        return f"{self.family}: {self.headline}"
-
-    def _said(self) -> list[str]:
-        return [*self.reasons, *(f"({n.code}) {in_python(n.message)}" for n in self.notices)]
 
     def raise_for_mismatch(self, where: str = "") -> None:
         """Refuse a model that no longer fits, ``where`` being what holds it.

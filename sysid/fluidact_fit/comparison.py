@@ -13,9 +13,8 @@ References
 
 from __future__ import annotations
 
-import html
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -36,7 +35,7 @@ from .options import describe as describe_options
 from .parameter_table import Entry, entries_of, recorded_units
 from .parameters.document import LogSource, ParameterDocument, window_ends
 from .presentation import ParametersLike, Presented, document_of
-from .tables import Table, format_estimate, format_number, probability_text
+from .tables import Shown, Table, format_estimate, format_number, probability_text
 from .units import after_number, display_unit
 
 _PARAMETERS = (".yaml", ".yml")
@@ -110,8 +109,8 @@ class Together:
         return text
 
 
-class _Compared(ABC):
-    """A table and conclusions that show themselves as text and as HTML."""
+class _Compared(Shown):
+    """A table and conclusions."""
 
     @abstractmethod
     def table(self) -> Table:
@@ -122,17 +121,9 @@ class _Compared(ABC):
     def conclusions(self) -> tuple[str, ...]:
         """Sentences below it."""
 
-    def summary(self) -> str:
-        """Return the table and the conclusions as text."""
-        return "\n".join([repr(self.table()), "", *self.conclusions])
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """The same for notebooks."""
-        said = "".join(f"<p>{html.escape(text)}</p>" for text in self.conclusions)
-        return self.table()._repr_html_() + said
+    def parts(self) -> list[Table | str]:
+        """Return the table and the conclusions."""
+        return [self.table(), "\n".join(self.conclusions)]
 
 
 @dataclass(frozen=True)

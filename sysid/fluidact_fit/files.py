@@ -9,6 +9,7 @@ import stat
 import unicodedata
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from io import BufferedReader
+from pathlib import PurePath
 
 from .errors import OutputError, UsageError
 
@@ -132,6 +133,17 @@ def refuse_outputs(outputs: Iterable[tuple[str, str]], inputs: Iterable[PathLike
                 remedy="Give two different files.",
             )
         seen.add(path, asked)
+
+
+def check_suffix(named: str, path: PathLike, suffixes: Sequence[str]) -> None:
+    """Refuse a name to write that ends otherwise (``UsageError``); ``named`` says who asks."""
+    name = PurePath(path)
+    if name.suffix.lower() not in suffixes:
+        raise UsageError(
+            f"{named} has an unknown suffix.",
+            expected=f"Expected one of {', '.join(suffixes)}.",
+            remedy=f"Give for example {name.stem or 'fit'}{suffixes[0]}.",
+        )
 
 
 def is_irregular(path: PathLike) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -23,13 +22,13 @@ from .logs import (
     selected_part,
 )
 from .logs.opening import listed_logs
-from .tables import Table, percent_text
+from .tables import Shown, Table, percent_text
 
 _RELATED = 8  # columns of which each two are compared
 
 
 @dataclass(frozen=True)
-class Inspection:
+class Inspection(Shown):
     """Content of some logs of one machine, and the families that fit them.
 
     Attributes
@@ -71,24 +70,12 @@ class Inspection:
         )
         return Table(("family", "verdict", "fit", "columns"), tuple(rows), right=(2,))
 
-    def summary(self) -> str:
-        """Return columns, notices, families and the command to run next as text."""
-        parts = [repr(self.table()), "\n".join(self._remarks())]
+    def parts(self) -> list[Table | str]:
+        """Return columns, notices, families and the command to run next."""
+        parts: list[Table | str] = [self.table(), "\n".join(self._remarks())]
         if self.suggestions:
-            parts += [repr(self.family_table()), f"next: {self.suggestions[0].command}"]
-        return "\n\n".join(part for part in parts if part)
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """The same for notebooks."""
-        remarks = "".join(f"<li>{html.escape(text)}</li>" for text in self._remarks())
-        parts = [self.table()._repr_html_(), f"<ul>{remarks}</ul>" if remarks else ""]
-        if self.suggestions:
-            command = html.escape(self.suggestions[0].command)
-            parts += [self.family_table()._repr_html_(), f"<p>next: <code>{command}</code></p>"]
-        return "".join(parts)
+            parts += [self.family_table(), f"next: {self.suggestions[0].command}"]
+        return parts
 
     def _remarks(self) -> list[str]:
         """Return notices of the logs, then what is open in the first suggestion."""

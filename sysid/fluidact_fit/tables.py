@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,3 +128,28 @@ class Table:
         side = "right" if column in self.right else "left"
         style = _CELL.format(side, "nowrap" if len(text) <= _NARROW else "normal")
         return f'<{tag} style="{style}">{html.escape(text)}</{tag}>'
+
+
+class Shown(ABC):
+    """A result that people read: tables and paragraphs, as text and in notebooks."""
+
+    @abstractmethod
+    def parts(self) -> Sequence[Table | str]:
+        """Return tables and paragraphs in the order in which they are read."""
+
+    def summary(self) -> str:
+        """Return all parts as text."""
+        return "\n\n".join(str(part) for part in self.parts() if part)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        return "".join(
+            part._repr_html_()
+            if isinstance(part, Table)
+            else f"<p>{html.escape(part).replace(chr(10), '<br>')}</p>"
+            for part in self.parts()
+            if part
+        )

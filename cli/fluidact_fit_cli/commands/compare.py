@@ -12,7 +12,7 @@ from fluidact_fit.families import family_names, get_family
 from .. import options
 from ..errors import Invocation
 from ..progress import Progress
-from ..show import echo, echo_json, echo_text, show_table
+from ..show import echo_json, show
 
 
 class _Compare(options.Command):
@@ -89,7 +89,4 @@ def command(
     if as_json:
         echo_json(found.to_dict())
     elif not params["quiet"]:
-        show_table(found.table())
-        echo()
-        for line in found.conclusions:
-            echo_text(line)
+        show(found)

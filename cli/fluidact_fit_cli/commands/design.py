@@ -15,7 +15,7 @@ from ..options import FORCE, VERBOSITY, Command, Option, json_option, parsed
 from ..outputs import check_targets, write_all
 from ..parse import parse_quantities, parse_seconds
 from ..progress import Progress
-from ..show import echo, echo_json, echo_text, show_table
+from ..show import echo, echo_json, show
 
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design
@@ -98,13 +98,7 @@ def command(
 
 
 def _show(found: Design, output: str | None, verbose: bool) -> None:
-    echo_text(f"{found.family}: {found.description}")
-    echo()
-    show_table(found.table())
-    echo()
-    echo_text(f"binding limits: {', '.join(found.binding)}")
-    for note in found.notes:
-        echo_text(f"- {note}")
+    show(found)
     if verbose and found.candidates:
         echo("\nbest of each shape, with its worst relative standard error:")
         for c in found.candidates:

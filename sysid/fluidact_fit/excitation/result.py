@@ -12,7 +12,7 @@ import numpy as np
 
 from ..experiment import FloatArray
 from ..parameters import write_atomically
-from ..tables import Table, format_interval, format_number, format_spread
+from ..tables import Shown, Table, format_interval, format_number, format_spread
 from ..units import display_unit
 
 NOT_GIVEN = (0.0, 0.0)  # an amplitude that is left to what the file's logs covered
@@ -74,7 +74,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Shown):
     """The next experiment.
 
     Attributes
@@ -118,6 +118,11 @@ class Design:
     candidates: tuple[Candidate, ...] = ()
     inputs: tuple[str, ...] = ()
     recorded_units: tuple[str, ...] = ()
+
+    def parts(self) -> list[Table | str]:
+        """Return the excitation, the errors to expect, and what a person should know."""
+        notes = [f"binding limits: {', '.join(self.binding)}", *(f"- {n}" for n in self.notes)]
+        return [f"{self.family}: {self.description}", self.table(), "\n".join(notes)]
 
     def table(self) -> Table:
         """Return present and predicted errors as a table that shows itself."""

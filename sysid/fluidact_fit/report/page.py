@@ -9,8 +9,8 @@ from typing import Any
 
 from ..arguments import require
 from ..comparison import Comparison
-from ..errors import UsageError
 from ..families import get_family
+from ..files import check_suffix
 from ..notices import is_note
 from ..outcome import Outcome
 from ..parameter_table import recorded_units
@@ -72,7 +72,8 @@ def write_html(result: Outcome, path: str | os.PathLike[str], *, overwrite: bool
     OutputError
         When the file exists and may not be replaced, or cannot be written.
     """
-    _check_suffix(path)
+    require("path", path=path)
+    check_suffix(os.fspath(path), path, (".html", ".htm"))
     page = result_page(result)
     return write_atomically(path, page, overwrite=overwrite, inputs=result.inputs)
 
@@ -88,18 +89,9 @@ def write_document_html(
 
     With a ``comparison``, of which the document is the first file, the others stand beside it.
     """
-    _check_suffix(path)
-    return write_atomically(path, document_page(document, (), comparison), overwrite=overwrite)
-
-
-def _check_suffix(path: str | os.PathLike[str]) -> None:
     require("path", path=path)
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise UsageError(
-            "a report is written as HTML",
-            where=os.fspath(path),
-            expected="Expected a name ending in .html.",
-        )
+    check_suffix(os.fspath(path), path, (".html", ".htm"))
+    return write_atomically(path, document_page(document, (), comparison), overwrite=overwrite)
 
 
 def result_page(result: Outcome) -> str:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..files import check_suffix
 from ..parameters import write_atomically
 from .style import load_matplotlib
 
@@ -49,11 +49,6 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, overwrite: bool
     OutputError
         When the file exists and may not be replaced, or cannot be written.
     """
+    check_suffix(os.fspath(path), path, [f".{kind}" for kind in _METADATA])
     kind = Path(path).suffix.lower().removeprefix(".")
-    if kind not in _METADATA:
-        raise UsageError(
-            f"a figure cannot be written as {kind or 'a file without suffix'!r}",
-            where=os.fspath(path),
-            expected="A name that ends with .png, .pdf or .svg.",
-        )
     return write_atomically(path, render(figure, kind), overwrite=overwrite)
