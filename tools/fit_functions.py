@@ -1,7 +1,7 @@
 """One typed function per family, for ``sysid/fluidact_fit/family_fits.py`` (``make docs``).
 
-Signature and help come from the declared options of the family, and for what all families share
-from ``fit`` and ``read_log``.
+Signature and help come from the declared options of the family; what all families share is
+explained once, by ``fit``, ``read_log`` and ``Reading``.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from fluidact_fit.options import Option, describe
 
 _WIDTH = 100
 _NOT_SHARED = {"family", "logs", "options", "command", "holds"}  # a fit has hold
-_OF_LOGS = ("columns", "units", "scales", "sample_time")  # which read_log explains best
 _KINDS = {"float": "float", "int": "int", "flag": "bool", "text": "str | int",
           "range": "tuple[float, float]"}  # fmt: skip
-_TITLE = re.compile(r"[a-z_*]+(, [a-z_*]+)*")
+_ELSEWHERE = (
+    "Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read, "
+    ":func:`.read_log` and :class:`.logs.Reading`."
+)
 
 
 def names() -> str:
@@ -57,10 +59,12 @@ def _function(family: Family[FamilyOptions]) -> Iterator[str]:
         yield ""
         parameters = ", ".join(f"``{p.name}`` [{p.unit}]" for p in variant.parameters)
         yield from _wrapped(f"Parameters of the result{of}: {parameters}.", 4)
-    yield from ["", "    Parameters", "    ----------", *_entry("logs", _help(ff.fit)["logs"])]
+    yield ""
+    yield from _wrapped(_ELSEWHERE, 4)
+    yield from ["", "    Parameters", "    ----------"]
+    yield from _entry("logs", "Paths, DataFrames, mappings of header to array, or read logs.")
     for option in options:
         yield from _entry(option.name.replace("-", "_"), _about(option))
-    yield from _shared_help()
     yield from ["", "    Returns", "    -------", "    FitResult"]
     yield from ["", "    Raises", "    ------"]
     yield from (f"    {line}" for line in _section(ff.fit, "Raises"))
@@ -107,31 +111,6 @@ def _shared() -> dict[str, str]:
     for name, kind in Reading.__annotations__.items():
         found.setdefault(name, f"{name}: {kind.__forward_arg__} = None")
     return {name: text for name, text in found.items() if name not in _NOT_SHARED}
-
-
-def _shared_help() -> Iterator[str]:
-    """Help of the shared keywords; what one text explains together stays together."""
-    of_logs, of_fit = _help(ff.read_log), _help(ff.fit)
-    texts = of_logs | of_fit | _help(Reading) | {n: of_logs[n] for n in _OF_LOGS}
-    together: dict[str, list[str]] = {}
-    for name in _shared():
-        together.setdefault(texts[name], []).append(name)
-    for text, keywords in together.items():
-        yield from _entry(", ".join(keywords), text)
-
-
-def _help(documented: Callable[..., object]) -> dict[str, str]:
-    """Texts of the parameters or attributes of a docstring, by name."""
-    found: dict[str, list[str]] = {}
-    here: list[str] = []
-    lines = _section(documented, "Parameters") or _section(documented, "Attributes")
-    for line in lines:
-        if _TITLE.fullmatch(line):
-            here = []
-            found |= {name.strip(): here for name in line.split(",")}
-        else:
-            here.append(line.strip())
-    return {name: " ".join(text) for name, text in found.items()}
 
 
 def _section(documented: Callable[..., object], title: str) -> list[str]:

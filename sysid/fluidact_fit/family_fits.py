@@ -56,11 +56,13 @@ def fit_potentiometer(
     Parameters of the result: ``control_points`` [m], ``weights`` [1], ``reading_range`` [1],
     ``control_points_falling`` [m], ``weights_falling`` [1], ``hysteresis_dead_band`` [1].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     degree
         Degree of the curve, 1 to 8, or auto for cross-validation.
     endpoints
@@ -71,62 +73,6 @@ def fit_potentiometer(
         Keep the curve from turning back (default: unless the data say that it does).
     rails
         Readings at or beyond these are clipped and left out: two numbers, the lower one first.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -182,71 +128,17 @@ def fit_ball_screw(
     s/m], ``viscous_negative`` [N s/m], ``coulomb_positive`` [N], ``coulomb_negative`` [N],
     ``breakaway_positive`` [N], ``breakaway_negative`` [N], ``stribeck_speed`` [m/s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     viscous
         One viscous value, or one per direction.
     stribeck
         Whether to estimate how friction rises at low speed.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -294,11 +186,13 @@ def fit_hydrostatic(
     Parameters of the result: ``mass`` [kg], ``damping`` [N s/m], ``stiffness`` [N/m],
     ``dead_zone_negative`` [N], ``dead_zone_positive`` [N], ``dead_time`` [s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     start_state
         Whether the runs begin at rest or in any state.
     offset
@@ -307,62 +201,6 @@ def fit_hydrostatic(
         Whether to estimate a spring.
     dead_time
         Whether to estimate a dead time.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -411,11 +249,13 @@ def fit_valve(
     Parameters of the result: ``gain`` [Pa/V], ``natural_frequency`` [rad/s], ``damping_ratio`` [1],
     ``dead_time`` [s], ``zero_time_constant`` [s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     start_state
         Whether the runs begin at rest or in any state.
     offset
@@ -424,62 +264,6 @@ def fit_valve(
         Whether to estimate a dead time.
     zero
         Whether to estimate a zero.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -533,11 +317,13 @@ def fit_line(
     Parameters of the result (command): ``gain`` [Pa/V], ``time_constant`` [s], ``dead_time`` [s],
     ``second_time_constant`` [s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     start_state
         Whether the runs begin at rest or in any state.
     offset
@@ -548,62 +334,6 @@ def fit_line(
         Sound speed in the line: a number above 0 [m/s].
     order
         Whether to estimate one time constant, or two.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -694,11 +424,13 @@ def fit_cylinder_friction(
     ``viscous_negative`` [N m s/rad], ``coulomb_positive`` [N m], ``coulomb_negative`` [N m],
     ``stribeck`` [N m], ``stribeck_speed`` [rad/s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     area
         Piston area that the pressure acts on: a number above 0 [m2].
     area_2
@@ -722,62 +454,6 @@ def fit_cylinder_friction(
         Whether to estimate how friction rises at low speed.
     viscous
         One viscous value, or one per direction.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -837,11 +513,13 @@ def fit_force_map(
     ``biases_2`` [1], ``weights_3`` [1], ``biases_3`` [1], ``input_offset`` [1], ``input_scale``
     [1], ``output_offset`` [1], ``output_scale`` [1], ``input_low`` [1], ``input_high`` [1].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     target
         What the network predicts: the command for a wanted force, or the force.
     inputs
@@ -856,62 +534,6 @@ def fit_force_map(
         noise): a number not below 0.
     starts
         Searches from different starts: a whole number not below 1.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -971,11 +593,13 @@ def fit_spring_cylinder(
     ``coulomb_loading`` [N], ``coulomb_unloading`` [N], ``viscous`` [N s/m], ``stribeck`` [N],
     ``stribeck_speed`` [m/s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     levels
         Friction levels: equal, free (needs --fix preload=...), or auto: free where a constant is
         fixed.
@@ -991,62 +615,6 @@ def fit_spring_cylinder(
     settle
         Share of the range of command or pressure (of the position, if that gives the motion state)
         that is left out after a reversal, while the seal still creeps: a number not below 0.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -1109,11 +677,13 @@ def fit_hydraulic_cylinder(
     ``friction_weights_2`` [1], ``friction_biases_2`` [1], ``friction_input_offset`` [1],
     ``friction_input_scale`` [1], ``friction_output_offset`` [1], ``friction_output_scale`` [1].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     area_1
         Piston area of chamber 1: a number above 0 [m2].
     area_2
@@ -1134,62 +704,6 @@ def fit_hydraulic_cylinder(
         Coulomb and viscous friction alone, or a network of the speed beside them.
     stribeck
         Whether to estimate how friction rises at low speed.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -1261,11 +775,13 @@ def fit_hydraulic_motor(
     ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
     ``saturation_command`` [A], ``hysteresis`` [A].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     start_state
         Whether the runs begin at rest or in any state.
     offset
@@ -1278,62 +794,6 @@ def fit_hydraulic_motor(
         Whether to estimate the command at which the motor stands still (1500 us of a servo).
     dead_time
         Whether to estimate a dead time.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -1382,70 +842,16 @@ def fit_flow_map(
     ``saturation_negative`` [V], ``dead_band_positive`` [V], ``gain_positive`` [m3/s/V],
     ``saturation_positive`` [V], ``curvature`` [1/V], ``leakage`` [m3/s].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or read logs.
     reference_pressure
         Pressure drop at which the gains hold (default: the median of the log's): a number not below
         1e-09 [Pa].
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
 
     Returns
     -------
@@ -1490,67 +896,13 @@ def fit_backlash(
 
     Parameters of the result: ``play`` [m], ``ratio`` [1], ``offset`` [m].
 
+    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
+    :func:`.read_log` and :class:`.logs.Reading`.
+
     Parameters
     ----------
     logs
-        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read. Of
-        those of an iterator nothing is kept but what is used, which halves the memory of long ones.
-    columns
-        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry takes the
-        column of its own name.
-    units
-        Role to unit; overrides the unit in the header.
-    scales
-        Role to a factor for the raw column.
-    sample_time
-        Time between rows [s], for logs without a time column. Replaces one.
-    window
-        Part of the logs to fit [s], ``None`` for an open side.
-    hold
-        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
-    fixed, start, bounds
-        By parameter name, in SI or as text with a unit: ``{"dead_time": "12 ms"}``.
-    noise
-        Standard deviation of white noise on a measured input by role, likewise; 0 where it is
-        exact. What is not given is judged from the logs.
-    validate
-        Logs to validate the result with; they are not fitted.
-    validate_window
-        Validate with this part of ``validate`` [s], or of the logs that are fitted, whose
-        ``window`` then has to leave it out.
-    controller_sample_time
-        Sample time of the discrete model in the file [s]; default: that of the log.
-    strict
-        Refuse a result with any warning or note.
-    seed
-        Seed of the random numbers.
-    progress
-        Called with progress messages.
-    exclude
-        What is left out: ``"run=2"`` or ``"2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``,
-        ``"trial1.csv:run=2"``, or several.
-    exclude_rows
-        Rows of the data that are left out, counted from 1: ``"7"``, ``"120:130"``, or several.
-    set
-        Role to what it was all the time, with its unit: ``{"a*.csv:position": "25 %"}``.
-    steps
-        Role to `StepInput` for inputs that were not recorded.
-    unwrap
-        Role to what its column begins again after, in its own numbers (360 for degrees), or
-        ``"none"``; what is not given is found where it is certain.
-    constants
-        The same for all logs.
-    from_name
-        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
-    invalid
-        What becomes of rows with a missing or non-numeric cell in a column that is used: by default
-        such a log is refused, ``"drop"`` leaves the rows out.
-    decimal, thousands, delimiter
-        Signs, where they are not to be found out.
-    skip_rows
-        Lines at the top that are not looked at.
-    header_row
-        Line of the header, counted from 1.
+        Paths, DataFrames, mappings of header to array, or read logs.
 
     Returns
     -------
