@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .channel_lines import text_width
-from .show import echo, echo_table, echo_text
+from .show import echo, echo_text, show_table
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -79,17 +79,13 @@ def _reasons(advice: Sequence[Suggestion]) -> dict[str, str]:
 
 def _echo_families(advice: Sequence[Suggestion]) -> None:
     """Print a table of the families; their columns below them where the terminal is narrow."""
-    from fluidact_fit.tables import percent_text
+    from fluidact_fit.inspection import family_table
 
-    rows = [
-        [s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent),
-         " ".join(f"{role}={at}" for role, at in s.columns.items())]
-        for s in advice
-    ]  # fmt: skip
-    if max(len(row[3]) for row in rows) <= text_width() - _BESIDE:
-        echo_table([["family", "verdict", "fit", "columns"], *rows], right=(2,))
+    table = family_table(advice)
+    if max(len(row[3]) for row in table.rows) <= text_width() - _BESIDE:
+        show_table(table)
         return
-    for family, verdict, percent, columns in rows:
+    for family, verdict, percent, columns in table.rows:
         echo(f"{family:<19} {verdict:<9} {percent:>9}")
         echo_text(columns, "    ", "    ")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
-from fluidact_fit.errors import Notice, visible
+from fluidact_fit.errors import Notice, listed, visible
 from fluidact_fit.notices import is_information
 
 from .show import paint, tell_painted, width_of
@@ -26,7 +26,7 @@ def echo_notices(notices: Iterable[Notice]) -> None:
         names = together.setdefault((notice.code, rest if of_log else notice.message), [])
         names += [name] * of_log
     for (code, message), names in together.items():
-        where = f"{_listed(names)}: " if names else ""
+        where = f"{listed(names, _NAMED)}: " if names else ""
         word = "note" if is_information(code) else "warning"
         tell_message(word, f"{where}{message}", code)
 
@@ -44,12 +44,6 @@ def tell_message(word: str, text: str, code: str = "") -> None:
         own = line[: len(line) - len(line.lstrip())]
         lines += _wrapped(line.lstrip(), _INDENT + own, _INDENT + own)
     tell_painted(paint(word, sys.stderr) + "\n".join(lines).removeprefix(word))
-
-
-def _listed(names: Sequence[str]) -> str:
-    """The first few of several names."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _wrapped(text: str, first: str, others: str) -> list[str]:

@@ -16,7 +16,8 @@ import numpy as np
 from .experiment import FloatArray
 from .family import Family, Quantity, Solution, Value
 from .parameters.document import ParameterDocument
-from .parameters.draws import place_of
+from .parameters.draws import pick, place_of
+from .specification import entry_name
 
 _STEP = 1e-3  # standard errors by which an estimate is moved for a derivative
 
@@ -49,7 +50,7 @@ class Estimates:
 
     def vector(self) -> FloatArray:
         """Values of what has a covariance, ``(p,)``."""
-        return _pick(self.values, self.order)
+        return pick(self.values, self.order)
 
 
 def align(family: Family[Any], each: Sequence[Estimates]) -> tuple[list[Estimates], str]:
@@ -82,7 +83,7 @@ def _aligned(
         for step in (-_STEP * error, _STEP * error):
             others = [e.values for e in each]
             others[k] = _moved(own.values, name, step)
-            ends.append(_pick(family.in_common(others)[0][k], order))
+            ends.append(pick(family.in_common(others)[0][k], order))
         slopes[:, column] = (ends[1] - ends[0]) / (2.0 * _STEP * error) if error else 0.0
     matrix = slopes @ own.covariance @ slopes.T
     sizes = dict(zip(order, np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist()))
@@ -107,7 +108,7 @@ def _errors(name: str, value: Value, sizes: Mapping[str, float], q: Quantity) ->
 
 def _entry_names(name: str, value: Value) -> list[str]:
     """Names of the numbers of a value, as in ``control_points[2]``."""
-    return [name + "".join(f"[{i}]" for i in at) for at in np.ndindex(np.shape(value))]
+    return [entry_name(name, at) for at in np.ndindex(np.shape(value))]
 
 
 def _moved(values: Mapping[str, Value], name: str, step: float) -> dict[str, Value]:
@@ -116,9 +117,3 @@ def _moved(values: Mapping[str, Value], name: str, step: float) -> dict[str, Val
     array = np.array(values[head], dtype=float)
     array[at] += step
     return {**values, head: array.tolist()}
-
-
-def _pick(values: Mapping[str, Value], order: Sequence[str]) -> FloatArray:
-    """Numbers named as in ``control_points[2]``, ``(p,)``."""
-    places = map(place_of, order)
-    return np.array([np.array(values[head], dtype=float)[at] for head, at in places])

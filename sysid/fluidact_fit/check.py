@@ -12,7 +12,7 @@ import numpy as np
 from .alignment import Estimates, align
 from .assessment.policy import FIT_WEAK
 from .document_assembly import limits_of
-from .errors import MismatchError, Notice, NotIdentifiedError, UsageError, in_python
+from .errors import MismatchError, Notice, NotIdentifiedError, UsageError, in_python, listed
 from .families import get_family
 from .family import Quantity
 from .fitting import refit
@@ -27,6 +27,7 @@ from .units import after_number, display_unit
 
 MOST_STD_ERRORS = 4.0
 LEAST_RELATIVE = 0.02
+_NAMED = 4  # logs of a message
 
 
 @dataclass(frozen=True)
@@ -362,7 +363,7 @@ def _partly_compared(held: Sequence[str], logs: Sequence[Log]) -> list[Notice]:
     return [
         Notice(
             "compared-in-part",
-            f"{', '.join(log.name for log in logs[:4])}{' ...' if len(logs) > 4 else ''} cannot "
+            f"{listed([log.name for log in logs], _NAMED)} cannot "
             f"determine {names}: {'it is' if one else 'they are'} held as in the file, and the "
             f"other parameters are compared with {'that' if one else 'those'}.",
         )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,11 @@ from .family import Plant
 from .fitting import fit
 from .logs import Log, read_log
 from .result import FitResult
-from .tables import percent_text
+from .tables import Table, percent_text
 from .units import after_number
 
 ALLOWED = 4.0  # standard errors between estimate and truth
-_HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit")
+_HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit", "")
 
 
 @dataclass(frozen=True)
@@ -89,13 +88,13 @@ def run_demo(
     *,
     overwrite: bool = False,
     progress: Callable[[str], None] | None = None,
-    table: Callable[[Sequence[Sequence[str]]], object] | None = None,
+    table: Callable[[Table], object] | None = None,
 ) -> int:
     """Fit all families and write a parameter file and a picture of each into a directory.
 
     Returns 0 when every true value lies within four standard errors of its estimate, else 1.
     ``echo`` takes one line of text at a time; ``overwrite`` allows files to be replaced. Where
-    ``progress`` is given it takes the messages of the fits, and ``table`` the rows of the result.
+    ``progress`` is given it takes the messages of the fits, and ``table`` the result.
 
     Raises
     ------
@@ -121,11 +120,9 @@ def run_demo(
         )
     else:
         found = f"all {number} true values lie within {ALLOWED:g} standard errors"
-    every = [[*_HEADER, ""], *([*row.cells, "" if row.good else "<- missed"] for row in rows)]
-    if table is None:
-        table = partial(_echo_table, echo)
+    every = tuple((*row.cells, "" if row.good else "<- missed") for row in rows)
     echo("")
-    table(every)
+    (table or (lambda shown: echo(repr(shown))))(Table(_HEADER, every, drop=(5, 2)))
     for line in ("", f"parameter files and pictures: {directory}", found):
         echo(line)
     return int(missed > 0)
@@ -193,9 +190,3 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
             where=str(directory),
             remedy="Give another directory, or remove the files of the earlier run.",
         )
-
-
-def _echo_table(echo: Callable[[str], None], rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    for cells in rows:
-        echo("  ".join(f"{c:<{w}}" for c, w in zip(cells, widths)).rstrip())

@@ -20,7 +20,7 @@ from .assessment import (
     residual_whiteness,
 )
 from .assessment.policy import FIT_POOR, LOG_MISSED, LOG_SPREADS
-from .errors import LogError, Notice
+from .errors import LogError, Notice, listed
 from .experiment import Experiment, Hold, all_of, where_finite
 from .families import get_family
 from .family import (
@@ -138,7 +138,7 @@ def _missed_validation(document: ParameterDocument, runs: Sequence[Simulation]) 
     return [
         Notice(
             "validation-missed",
-            f"{_named([e.name for *_, e in far])}: the model misses the output by "
+            f"{listed([e.name for *_, e in far], _NAMED)}: the model misses the output by "
             f"{signal.text(rmse)} RMS{more}, for {signal.text(limit)} that the fitted logs and the "
             "errors of the parameters explain. Check that columns, units and the state of the "
             "machine are those of the fit, and that the log stays within the range that it covers.",
@@ -257,10 +257,6 @@ def _log_entry(s: Simulation, unit: str) -> dict[str, Any]:
     }
 
 
-def _named(logs: Sequence[str]) -> str:
-    return ", ".join(logs[:_NAMED]) + f" and {len(logs) - _NAMED} more" * (len(logs) > _NAMED)
-
-
 def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
     """Name the logs of which no sample was used."""
     used: dict[int, int] = {}
@@ -276,7 +272,7 @@ def _unused_logs(fitted: Sequence[Simulation]) -> list[Notice]:
         Notice(
             "log-unused",
             f"{len(idle)} of {len(used)} logs have no sample that the model describes and add "
-            f"nothing to this fit: {_named(idle)}.",
+            f"nothing to this fit: {listed(idle, _NAMED)}.",
         )
     ]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +82,12 @@ def shortened(text: str, most: int = 300) -> str:
         return text
     ahead = most * 2 // 3
     return f"{text[:ahead]} ... {text[len(text) - (most - ahead - 5) :]}"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names one after the other, the first of many."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 _WIDEST, _MOST_LINES = 1000, 60  # of a message

@@ -64,11 +64,7 @@ class Inspection(Shown):
 
     def family_table(self) -> Table:
         """Return the suggested families, as a table that shows itself."""
-        rows = (
-            (s.family, s.verdict or "not tried", percent_text(s.fit_percent), _roles(s))
-            for s in self.suggestions
-        )
-        return Table(("family", "verdict", "fit", "columns"), tuple(rows), right=(2,))
+        return family_table(self.suggestions)
 
     def parts(self) -> list[Table | str]:
         """Return columns, notices, families and the command to run next."""
@@ -92,6 +88,15 @@ def _cells(file: str, column: Mapping[str, Any]) -> tuple[str, ...]:
     noise = f"{channel['noise']:.2g}" if channel and channel["noise"] else ""
     return (file, f"#{column['number']}", column["header"] or "", column["unit"] or "", *ends,
             noise, str(column["invalid_cells"] or ""))  # fmt: skip
+
+
+def family_table(suggestions: Sequence[Suggestion]) -> Table:
+    """Return families, the verdicts of their trials, and the columns that they would use."""
+    rows = (
+        (s.family, s.verdict.upper() or "not tried", percent_text(s.fit_percent), _roles(s))
+        for s in suggestions
+    )
+    return Table(("family", "verdict", "fit", "columns"), tuple(rows), right=(2,))
 
 
 def _roles(s: Suggestion) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .parameters.document import Derived, Fit, LogFit, ParameterDocument
-from .specification import Quantity
+from .specification import Quantity, entry_name
 from .tables import (
     Table,
     format_interval,
@@ -84,7 +84,7 @@ def entries_of(
         ends = None if q.ci95 is None else np.array(q.ci95, dtype=float)
         for at in np.ndindex(value.shape):
             yield Entry(
-                name + "".join(f"[{k}]" for k in at),
+                entry_name(name, at),
                 float(value[at]),
                 None if error is None or np.isnan(error[at]) else float(error[at]),
                 None if ends is None else (float(ends[at][0]), float(ends[at][1])),

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from .errors import FluidactError, LogError, Notice, UsageError
+from .errors import FluidactError, LogError, Notice, UsageError, listed
 from .logs import Log, LogLike, StepInput, open_logs, share_columns
 from .logs.columns import matching, missing_roles, reference_of
 from .logs.exclusions import find_in_name, parse_exclusion, with_constants, without
@@ -142,15 +142,15 @@ def _refuse_unknown(log: Log, role: str, sources: Sequence[LogSource]) -> None:
     known = [(s.file, s.columns[role]) for s in sources]
     texts = [
         f"{file} {_value_text(c.step.start, c.step.end)} {c.unit}" if c.step else f"{file} recorded"
-        for file, c in known[:_LISTED]
+        for file, c in known
     ]
-    more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
+    in_file = f"In the file: {listed(texts, _LISTED)}."
     if any(c.step and c.step.start != c.step.end for _, c in known):
         raise UsageError(
             f"'{role}' was not recorded in the logs of the parameter file, each with a step of its "
             "own, and is not known in this one.",
             where=log.name,
-            expected=f"In the file: {', '.join(texts)}{more}.",
+            expected=in_file,
             remedy=f"Give --step {role}=FROM:TO; of one log of several, "
             f"--step '{log.name}:{role}=FROM:TO'.",
         )
@@ -158,7 +158,7 @@ def _refuse_unknown(log: Log, role: str, sources: Sequence[LogSource]) -> None:
         f"'{role}' was constant in the logs of the parameter file, each at its own value, and is "
         "not known in this one.",
         where=log.name,
-        expected=f"In the file: {', '.join(texts)}{more}.",
+        expected=in_file,
         remedy=f'Give --set {role}="VALUE UNIT"; of one log of several, '
         f"--set '{log.name}:{role}=VALUE UNIT'.",
     )

@@ -404,6 +404,11 @@ def propagate(
     return out
 
 
+def entry_name(name: str, at: Sequence[int]) -> str:
+    """Name of an entry of a parameter: ``weights_1[2][0]``, the name itself for a number."""
+    return name + "".join(f"[{k}]" for k in at)
+
+
 def scalars(parameters: Mapping[str, Value]) -> dict[str, float]:
     """The single-valued parameters of a file."""
     return {k: float(v) for k, v in parameters.items() if not isinstance(v, list)}

@@ -145,14 +145,14 @@ def test_a_link_that_turns_during_a_fit_is_seen(
     from fluidact_fit_cli.commands import fit_family as fit
 
     os.symlink("new.yaml", "out.yaml")
-    real = fit._render
+    real = fit.render_files
 
     def render(*args: Any) -> Any:
         os.unlink("out.yaml")
         os.symlink("a.csv", "out.yaml")
         return real(*args)
 
-    monkeypatch.setattr(fit, "_render", render)
+    monkeypatch.setattr(fit, "render_files", render)
     before = (files / "a.csv").read_bytes()
     done = here("line", "a.csv", "-o", "out.yaml", "-f")
     assert done.status == 3

@@ -117,17 +117,15 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
 
 def _tell_failures(outcomes: Sequence[Outcome], target: Path) -> None:
     """Say once for each reason why jobs have no parameter file."""
+    from fluidact_fit.batch.summary import by_reason
     from fluidact_fit.batch.targets import SUMMARY
 
-    alike: dict[str, list[Outcome]] = {}
-    for outcome in outcomes:
-        if outcome.exit:
-            alike.setdefault(outcome.reason or outcome.message, []).append(outcome)
-    for first, *others in list(alike.values())[:_TOLD]:
+    alike = by_reason(outcomes)
+    for first, *others in alike[:_TOLD]:
         more = f" and {len(others)} more" if others else ""
         tell_message("error", f"job {first.job}{more}: {first.message}")
     if len(alike) > _TOLD:
-        tell_message("note", f"{len(alike) - _TOLD} other reasons stand in {target / SUMMARY[0]}.")
+        tell_message("note", f"and {len(alike) - _TOLD} more: see {target / SUMMARY[0]}.")
 
 
 def _warn(progress: Progress, text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import click
 
 from ..options import DEBUG, Command
 from ..progress import Progress
-from ..show import echo_table, echo_text
+from ..show import echo_text, show_table
 
 
 @click.command(
@@ -33,9 +32,5 @@ def command(directory: str) -> int:
         def show(line: str) -> None:
             progress.close()  # nothing is fitted any more
             echo_text(line)
-
-        def show_table(rows: Sequence[Sequence[str]]) -> None:
-            progress.close()
-            echo_table(rows, drop=(5, 2))
 
         return run_demo(Path(directory), show, progress=progress, table=show_table)

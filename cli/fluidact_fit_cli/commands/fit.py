@@ -19,7 +19,7 @@ from ..messages import tell_message
 from ..outputs import check_targets
 from ..progress import Progress
 from ..recorded import recorded_command
-from .fit_family import make_command, output_options, targets_of, write_result
+from .fit_family import make_command, output_options, render_files, targets_of, write_result
 
 if TYPE_CHECKING:
     from fluidact_fit.advice import Suggestion
@@ -85,7 +85,9 @@ def _finish(
     command = recorded_command(words, {**params, "logs": logs})
     origin = result.document.provenance.model_copy(update={"command": command})
     document = result.document.model_copy(update={"provenance": origin})
-    write_result(replace(result, document=document), targets, params)
+    result = replace(result, document=document)
+    result = replace(result, document=result.document_to_write())
+    write_result(result, render_files(result, targets), params)
 
 
 def _ask(found: Sequence[Suggestion], log: Log) -> Suggestion:

@@ -145,24 +145,20 @@ def run_fit(
         result = _fit(family, params, invocation, progress)
         result = replace(result, document=result.document_to_write(params["accept_failed"]))
         progress("writing")
-        write_all(_render(result, targets), params["force"])
-    show_result(result, targets, params)
+        contents = render_files(result, targets)
+    write_result(result, contents, params)
 
 
-def write_result(result: FitResult, targets: Mapping[str, str], params: Mapping[str, Any]) -> None:
-    """Write the files of a fit that has been made, and show it."""
-    result = replace(result, document=result.document_to_write())
-    write_all(_render(result, targets), params["force"])
-    show_result(result, targets, params)
-
-
-def show_result(result: FitResult, targets: Mapping[str, str], params: Mapping[str, Any]) -> None:
-    """Print the numbers of a fit, the names of its files, and its warnings."""
+def write_result(
+    result: FitResult, contents: Mapping[str, bytes | str], params: Mapping[str, Any]
+) -> None:
+    """Write the files of a fit; print its numbers, the names of its files, and its warnings."""
+    write_all(contents, params["force"])
     if params["as_json"]:
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document, params["verbose"])
-        echo_text("written to " + ", ".join(targets.values()))
+        echo_text("written to " + ", ".join(contents))
     if not params["quiet"]:
         echo_notices(result.notices)
 
@@ -278,7 +274,7 @@ def _propose_columns(family: str, log: Log) -> str:
     return f"Did you mean {shell_command(words)}?" if words else ""
 
 
-def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:
+def render_files(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:
     """Return the content of every file."""
     from fluidact_fit.parameters import dump_document
     from fluidact_fit.report import plot_result, render, result_page

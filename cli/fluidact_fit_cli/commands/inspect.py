@@ -185,21 +185,22 @@ def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
     parts += [f"{lines['blank']} empty"] if lines["blank"] else []
     parts += [f"{len(left_out)} left out"] if left_out else []
     echo(f"{lines['total']} lines: {', '.join(parts)}")
-    for entry in left_out[:_LISTED]:
-        echo(f"  line {entry['line']} left out: {entry['reason']}")
-    if len(left_out) > _LISTED:
-        echo(f"  and {len(left_out) - _LISTED} more (--json lists them all)")
+    _list([f"line {entry['line']} left out: {entry['reason']}" for entry in left_out])
 
 
 def _show_elements(elements: Sequence[Mapping[str, str]]) -> None:
     """Say what became of every element of a recording."""
     count = Counter(element["fate"] for element in elements)
     echo(", ".join(f"{n} {fate}" for fate, n in count.items()))
-    told = [element for element in elements if element["fate"] != "read"]
-    for element in told[:_LISTED]:
-        echo(f"  {element['name']} {element['fate']}: {element['how']}")
-    if len(told) > _LISTED:
-        echo(f"  and {len(told) - _LISTED} more (--json lists them all)")
+    _list([f"{e['name']} {e['fate']}: {e['how']}" for e in elements if e["fate"] != "read"])
+
+
+def _list(lines: Sequence[str]) -> None:
+    """Print the first of many lines."""
+    for line in lines[:_LISTED]:
+        echo(f"  {line}")
+    if len(lines) > _LISTED:
+        echo(f"  and {len(lines) - _LISTED} more (--json lists them all)")
 
 
 def _show_time(time: Mapping[str, Any] | None) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from ..estimation.random_effects import estimate_spread
 from ..parameters.atomic import write_together
 from ..report.fleet import FleetJob, FleetQuantity, Reason, fleet_page
+from ..specification import entry_name
 from .jobs import Job
 from .outcome import STATUS, Outcome
 from .targets import RECORDS, SUMMARY
@@ -84,9 +85,8 @@ def _numbers(outcome: Outcome) -> Iterator[tuple[str, str, float, float | None, 
     for name, entry in outcome.parameters.items():
         values, errors = entry["value"], entry.get("std_error")
         for place, value in np.ndenumerate(np.asarray(values, dtype=float)):
-            label = name + "".join(f"[{k}]" for k in place)
             error = None if errors is None else float(np.asarray(errors, dtype=float)[place])
-            yield label, entry["unit"], float(value), error, entry["status"]
+            yield entry_name(name, place), entry["unit"], float(value), error, entry["status"]
 
 
 def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
@@ -102,7 +102,7 @@ def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
         [FleetJob(j.name, j.family, o.status, o.verdict, o.warnings, tuple(o.files))
          for j, o in zip(jobs, outcomes)],
         fleet_quantities(jobs, outcomes),
-        _reasons(outcomes),
+        [_reason(group) for group in by_reason(outcomes)],
         dict(sorted(warned.items(), key=lambda item: -len(item[1]))),
         RECORDS,
     )  # fmt: skip
@@ -123,14 +123,19 @@ def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[F
     return out
 
 
-def _reasons(outcomes: Sequence[Outcome]) -> list[Reason]:
-    """Jobs without a file by what was found; numbers, names and paths in it are no difference."""
+def by_reason(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+    """Jobs without a file by what was found, most first.
+
+    Numbers, names and paths in it are no difference.
+    """
     groups: dict[tuple[str, str], list[Outcome]] = {}
     for outcome in outcomes:
         if outcome.exit:
-            key = outcome.status, _VARYING.sub("…", outcome.reason)
+            key = outcome.status, _VARYING.sub("…", outcome.reason or outcome.message)
             groups.setdefault(key, []).append(outcome)
-    return [
-        Reason(status, text if len(group) > 1 else group[0].reason, [o.job for o in group])
-        for (status, text), group in sorted(groups.items(), key=lambda item: -len(item[1]))
-    ]
+    return sorted(groups.values(), key=lambda group: -len(group))
+
+
+def _reason(group: Sequence[Outcome]) -> Reason:
+    text = _VARYING.sub("…", group[0].reason) if len(group) > 1 else group[0].reason
+    return Reason(group[0].status, text, [outcome.job for outcome in group])

@@ -26,7 +26,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from ..experiment import FloatArray
 from ..options import FamilyOptions
-from ..specification import Described, Plant, Quantity, ReadT, Status, Value
+from ..specification import Described, Plant, Quantity, ReadT, Status, Value, entry_name
 from .problems import Location, suggest
 
 # Tags of union members start with a character that no key of a document starts with, so
@@ -451,7 +451,7 @@ class ParameterDocument(Part):
         if covariance is None or parameters is None:
             return covariance
         names = {
-            name + "".join(f"[{i}]" for i in index)
+            entry_name(name, index)
             for name, entry in parameters.items()
             for index in np.ndindex(np.shape(entry.value))
         }

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from ..experiment import FloatArray
-from ..specification import Variant
+from ..specification import Value, Variant
 from .document import ParameterDocument
 
 _ATTEMPTS = 1000
@@ -25,8 +24,7 @@ def draw_values(
     covariance = document.covariance
     if covariance is None or not covariance.order:
         return np.zeros((number, 0))
-    values = document.values()
-    mean = np.array([_entry(values, name) for name in covariance.order])
+    mean = pick(document.values(), covariance.order)
     bounds = (document.provenance.options or {}).get("bounds", {})
     low, high = np.array([_range(variant, bounds, name) for name in covariance.order]).T
     low, high = np.minimum(low, mean), np.maximum(high, mean)
@@ -79,12 +77,10 @@ def _root(matrix: Sequence[Sequence[float]]) -> FloatArray:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0)))
 
 
-def _entry(values: Any, name: str) -> float:
-    head, indices = place_of(name)
-    found = values[head]
-    for i in indices:
-        found = found[i]
-    return float(found)
+def pick(values: Mapping[str, Value], order: Sequence[str]) -> FloatArray:
+    """Numbers named as in ``control_points[2]``, ``(p,)``."""
+    places = map(place_of, order)
+    return np.array([np.array(values[head], dtype=float)[at] for head, at in places])
 
 
 def _range(

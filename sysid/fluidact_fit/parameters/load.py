@@ -17,7 +17,7 @@ import numpy as np
 from ..arguments import require
 from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
-from ..specification import Described, propagate
+from ..specification import Described, entry_name, propagate
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .problems import Location, Problems, format_path
@@ -217,7 +217,7 @@ def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
         if entry.std_error is None:
             continue
         for index, error in np.ndenumerate(np.asarray(entry.std_error, dtype=float)):
-            due = spread.get(name + "".join(f"[{i}]" for i in index), error)
+            due = spread.get(entry_name(name, index), error)
             if abs(error - due) > _ALIKE * due + _LEAST:
                 words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
                 yield ("parameters", name, "std_error", *index), words

@@ -165,11 +165,14 @@ def _number(q: FleetQuantity, k: int | None) -> Cell:
 
 def _links(job: FleetJob, records: str) -> str:
     """The name of a job, with links to what it wrote and to its record."""
-    record = f"{records}/{job.name}.txt"
-    files = [(name, name.rpartition(".")[2]) for name in job.files if name != record]
-    files.append((record, "log"))
-    links = ", ".join(f'<a href="{quote(file)}">{escape(kind)}</a>' for file, kind in files)
-    return f"{escape(job.name)} ({links})"
+    files = [name for name in job.files if name != f"{records}/{job.name}.txt"]
+    links = [f'<a href="{quote(name)}">{escape(name.rpartition(".")[2])}</a>' for name in files]
+    return f"{escape(job.name)} ({', '.join([*links, _record(job.name, records)])})"
+
+
+def _record(job: str, records: str, text: str = "log") -> str:
+    """A link to the record of a job."""
+    return f'<a href="{quote(f"{records}/{job}.txt")}">{escape(text)}</a>'
 
 
 def _spreads(quantities: Sequence[FleetQuantity]) -> str:
@@ -209,7 +212,8 @@ def _outliers(quantities: Sequence[FleetQuantity], records: str) -> str:
     ]  # fmt: skip
     found.sort(key=lambda entry: (-entry[0], entry[1].name, entry[1].jobs[entry[2]]))
     rows = [
-        [_job(q.jobs[k], records), code(q.label),
+        [f'<a href="{quote(f"{q.jobs[k]}.yaml")}">{escape(q.jobs[k])}</a> '
+         f"({_record(q.jobs[k], records)})", code(q.label),
          escape(show(*(float(x[k]) * q.scale.factor for x in (q.values, q.errors)))),
          escape(q.scale.unit),
          short(float(q.spread.deviation[k]), 3) if q.spread else ""]
@@ -222,18 +226,11 @@ def _outliers(quantities: Sequence[FleetQuantity], records: str) -> str:
     return section(title, heads, rows, numeric=(2, 4))
 
 
-def _job(name: str, records: str) -> str:
-    """A job with links to its parameter file and to its record."""
-    file, record = quote(f"{name}.yaml"), f"{quote(records)}/{quote(name)}.txt"
-    return f'<a href="{file}">{escape(name)}</a> (<a href="{record}">log</a>)'
-
-
 def _reasons(reasons: Iterable[Reason], records: str) -> str:
     rows = [
-        [escape(r.status), escape(r.text), count(len(r.jobs)),
-         _some(r.jobs, records)]
+        [escape(r.status), escape(r.text), count(len(r.jobs)), _some(r.jobs, records)]
         for r in reasons
-    ]  # fmt: skip
+    ]
     return section(
         "Not fitted, by reason", ("status", "reason", "jobs", "which"), rows, numeric=(2,)
     )
@@ -246,8 +243,7 @@ def _warnings(warnings: Mapping[str, Sequence[str]], records: str) -> str:
 
 def _some(jobs: Sequence[str], records: str) -> str:
     """The records of the first of many jobs."""
-    links = (f'<a href="{quote(records)}/{quote(job)}.txt">{escape(job)}</a>'
-             for job in jobs[:_MOST_NAMES])  # fmt: skip
+    links = [_record(job, records, job) for job in jobs[:_MOST_NAMES]]
     return ", ".join(links) + (" …" if len(jobs) > _MOST_NAMES else "")
 
 
