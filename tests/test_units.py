@@ -584,6 +584,8 @@ def test_words_of_a_remark_are_not_multiplied() -> None:
     ("s", 14.6, [], "14.6 s"),
     ("s", 0.12, ["ms"], "120 ms"),
     ("s", 14.6, ["ms"], "14.6 s"),  # never 1.46e+04 ms
+    ("m/s", 0.012, ["ms", "mm"], "12 mm/s"),  # a picture had 0.012 mm/ms
+    ("s", 9.99, ["ms"], "9.99 s"),
     ("Pa", 1e9, ["bar"], "1 GPa"),
     ("Pa", 0.0, ["bar (abs)"], "0 bar"),
     ("m3/s/V", 4.2e-5, ["V", "l/min"], "2.52 l/min/V"),

@@ -227,6 +227,7 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
         normal = np.exp(-0.5 * ((x - rest.mean()) / width) ** 2) / (width * np.sqrt(2 * np.pi))
         axes.plot(x, normal, color=style.INK, linewidth=1.0)
     axes.set_yticks([])
+    axes.locator_params(axis="x", nbins=5)
     axes.set_xlabel(y.label("residual"))
     style.dress(axes, "Residuals and the normal distribution with the same SD")
 

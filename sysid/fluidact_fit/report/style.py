@@ -69,7 +69,7 @@ def dress(axes: Axes, title: str = "") -> None:
     """Thin frame on two sides, faint grid, small labels; the title at the upper left."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set(color=_FRAME, linewidth=0.8)
-    axes.tick_params(labelsize=SMALL, colors=INK, color=_FRAME, width=0.8, length=3)
+    axes.tick_params(which="both", labelsize=SMALL, colors=INK, color=_FRAME, width=0.8, length=3)
     for axis in (axes.xaxis, axes.yaxis):
         axis.label.set(fontsize=NORMAL, color=INK)
     axes.grid(True, color="#E6E8EA", linewidth=0.7)

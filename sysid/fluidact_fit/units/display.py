@@ -9,7 +9,7 @@ from itertools import permutations
 from math import isfinite
 
 from ..errors import UnitError
-from .conversion import conversion_factor
+from .conversion import conversion_factor, same_dimension
 from .spelling import normalise_unit, split_reference
 
 _LEAST, _BELOW = 0.1, 1e4  # sizes that need no other unit
@@ -54,8 +54,8 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
         Its magnitude [si_unit].
     recorded
         Units of the columns of the log. One that measures the same is taken, or the ratio of two
-        (``bar/V``), unless the number would be below 0.01 or reach 10,000. Seconds are no choice
-        of the log: times are in s, ms or µs by their size.
+        (``bar/V``), unless the number would be below 0.01 or reach 10,000. Times are no choice of
+        the log: they are in s, ms or µs by their size, and what is per time is per second.
 
     Returns
     -------
@@ -89,7 +89,8 @@ def display_unit(si_unit: str, size: float, recorded: Sequence[str] = ()) -> Dis
 def _recorded(si_unit: str, recorded: Sequence[str]) -> list[DisplayUnit]:
     """Units of the log that measure the same, then ratios of two of them."""
     plain = (split_reference(normalise_unit(unit))[0] for unit in recorded)
-    units = [unit for unit in dict.fromkeys(plain) if unit not in ("", "1") and "%" not in unit]
+    known = ("s" if same_dimension(unit, "s") else unit for unit in plain)
+    units = [unit for unit in dict.fromkeys(known) if unit not in ("", "1") and "%" not in unit]
     ratios = [f"{a}/({b})" if "/" in b else f"{a}/{b}" for a, b in permutations(units, 2)]
     found = []
     for unit in (*(u for u in units if u != "s"), *ratios):
