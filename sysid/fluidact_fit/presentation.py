@@ -10,7 +10,7 @@ import numpy as np
 
 from .arguments import require
 from .errors import Notice, UsageError, in_python
-from .notices import CODES, is_note
+from .notices import is_note
 from .parameter_table import agreement_parts, entries, parameter_table, recorded_units
 from .parameters import read_document
 from .parameters.document import ParameterDocument
@@ -65,7 +65,7 @@ class Presented:
         """
         import pandas as pd  # slow to load
 
-        reasons = _reasons(self.document)
+        reasons = why_not_identified(self.document)
         records = [
             {
                 "parameter": r.name,
@@ -76,7 +76,7 @@ class Presented:
                 "unit": r.unit,
                 "relative_percent": np.nan if r.percent is None else r.percent,
                 "status": r.status,
-                "reason": reasons.get(place_of(r.name)[0], ""),
+                "reason": in_python(reasons.get(place_of(r.name)[0], "")),
             }
             for r in entries(self.document, derived)
         ]
@@ -227,14 +227,13 @@ def _notices(document: ParameterDocument) -> list[tuple[str, str, str]]:
     """Word, code and text of every warning; files of later versions may hold unknown codes."""
     out = []
     for entry in document.warnings:
-        known = CODES.get(entry.code)
-        word = "note" if known is not None and known.severity == "information" else "warning"
+        word = "note" if is_note(entry.code) else "warning"
         out.append((word, entry.code, in_python(entry.message)))
     return out
 
 
-def _reasons(document: ParameterDocument) -> dict[str, str]:
-    """Reasons why parameters were not identified, by name."""
+def why_not_identified(document: ParameterDocument) -> dict[str, str]:
+    """Parameters that were not identified, with what the warning says of each."""
     said = [w.message for w in document.warnings if w.code == "not-identified"]
     lost = [n for n, p in document.parameters.items() if p.status == "not_identified"]
-    return {n: in_python(next((m for m in said if m.startswith(f"{n} ")), "")) for n in lost}
+    return {n: next((m for m in said if m.startswith(f"{n} ")), "") for n in lost}

@@ -17,6 +17,7 @@ from ..fitting import fit
 from ..logs import Log, experiments, selected_part
 from ..logs.columns import find_column, reference_of, time_candidate
 from ..model_free import Views, view_fit, view_runs
+from ..presentation import why_not_identified
 from .suggestion import Suggestion
 
 _OPTION = re.compile(r"--[a-z][a-z0-9-]*[ =][A-Z][A-Z0-9]+\b")
@@ -61,12 +62,10 @@ def _try_fit(
             return _try_with(_DROP, why, s, logs, progress)
         return replace(s, reason=_one_line(error, logs), asked=tuple(_OPTION.findall(error.remedy)))
     free = [q for q in result.parameters.values() if q.status == "estimated"]
-    lost = [n for n, q in result.parameters.items() if q.status == "not_identified"]
-    said = [n.message for n in result.notices if n.code == "not-identified"]
     return replace(
         s, verdict=str(result.verdict), fit_percent=result.document.fit.fit_percent,
         parameters=sum(np.size(q.value) for q in free),
-        not_identified={n: next((m for m in said if m.startswith(f"{n} ")), "") for n in lost},
+        not_identified=why_not_identified(result.document),
         result=result,
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from ..parameter_table import recorded_units
 from ..rows import blocks
 from . import style
 from .numbers import Scale, choose_scale, plain, scale_of, scaled, spoken
+from .panels import draw_curves
 from .runs import drive_role, envelope, instants, is_too_long, subset, worst_residual
 
 if TYPE_CHECKING:
@@ -166,11 +167,7 @@ def _law(view: PhysicsView, units: Sequence[str], axes: Axes) -> None:
     axes.plot(view.samples.x[index] * x.factor, view.samples.y[index] * y.factor, linestyle="",
               marker="o", markersize=2.6, markeredgewidth=0, color=style.SPARSE, alpha=0.5,
               label=view.samples.label, rasterized=index.size > 1000)  # fmt: skip
-    colours = (style.SIMULATED, style.INPUT, style.POINTS, style.INK)
-    for k, curve in enumerate(view.curves):
-        axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4], linewidth=1.3,
-                  linestyle=("-", "--", "-.", ":")[k % 4],
-                  label=plain(curve.label, 30))  # fmt: skip
+    draw_curves(axes, view.curves, x, y)
     axes.set(xlabel=x.label(spoken(view.x_name)), ylabel=y.label(spoken(view.y_name)))
     axes.locator_params(nbins=6)
     axes.legend(fontsize=style.SMALL, frameon=False, loc="best", handlelength=1.6,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray, Signal
-from ..family import Quantity, StaticView
+from ..family import Curve, Quantity, StaticView
 from ..outcome import Simulation
 from . import style
 from .numbers import Scale, count, in_scale, plain, show, spoken
@@ -145,12 +146,7 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     """Samples of a static map with the fitted curve."""
     size = int(view.used.sum())
     beside = _draw_samples(axes, view, x.factor, view.measured * y.factor, style.SPARSE, named=True)
-    lines = ("-", "--", "-.", ":")
-    colours = (style.SIMULATED, style.INPUT, style.POINTS, style.INK)
-    for k, curve in enumerate(view.curves):
-        axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4],
-                  linewidth=1.6, zorder=4, linestyle=lines[k % 4],
-                  label=plain(curve.label, 30))  # fmt: skip
+    draw_curves(axes, view.curves, x, y)
     if not view.curves:
         order = np.argsort(view.x, kind="stable")
         axes.plot(view.x[order] * x.factor, view.fitted[order] * y.factor, color=style.SIMULATED,
@@ -169,6 +165,17 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
             f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
         )
     style.dress(axes, "; ".join(notes))
+
+
+def draw_curves(axes: Axes, curves: Sequence[Curve], x: Scale, y: Scale) -> None:
+    """Curves of a model, each in a colour and with a line of its own."""
+    styles = zip(
+        cycle((style.SIMULATED, style.INPUT, style.POINTS, style.INK)),
+        cycle(("-", "--", "-.", ":")),
+    )
+    for curve, (colour, line) in zip(curves, styles):
+        axes.plot(curve.x * x.factor, curve.y * y.factor, color=colour, linestyle=line,
+                  linewidth=1.5, zorder=4, label=plain(curve.label, 30))  # fmt: skip
 
 
 def window(view: StaticView) -> tuple[float, float]:
