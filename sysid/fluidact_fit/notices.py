@@ -45,11 +45,11 @@ _READING = {
         "Subtract the pressure of the air on that day, or use a gauge sensor.",
     ),
     "angle-doubtful": _warning(
-        "An angle seems to begin again, but not certainly after a full turn.",
+        "An angle seems to wrap around, but not clearly after a full turn.",
         "Give `--unit` if its unit is another, or `--unwrap ROLE=TURN` or `--unwrap ROLE=none`.",
     ),
     "angle-wraps": _information(
-        "An angle begins again after every full turn (or a counter overflows); it was continued.",
+        "An angle wraps around after every full turn (or a counter overflows); it was unwrapped.",
         "Nothing; give `--unwrap ROLE=none` if it jumps there.",
     ),
     "clock-doubtful": _information(
@@ -77,10 +77,10 @@ _READING = {
     ),
     "comments-left-out": _information(
         "Comments that stand beside samples were left out.",
-        "Nothing; they are no part of what was measured.",
+        "Nothing; they are not measurements.",
     ),
     "constant-signal": _warning(
-        "A signal has one and the same value in the whole log.",
+        "A signal has the same value throughout the log.",
         "Check that the right column was taken and that the sensor was connected.",
     ),
     "cut-last-line": _information(
@@ -102,7 +102,7 @@ _READING = {
         "warnings may follow from it.",
     ),
     "header-again": _information(
-        "The header stands again inside the table and was left out.",
+        "The header is repeated inside the table; the repetition was left out.",
         "Nothing, if the logger was started again; every run is an experiment of its own.",
     ),
     "overprinted-lines": _warning(
@@ -142,8 +142,8 @@ _READING = {
     "rows-above-table": _warning(
         "Lines above the table, or above its header, hold numbers and little else; they were left "
         "out.",
-        "Look at the lines that are named: rows in another form are to be corrected, and "
-        "`--header-row` says that they are none.",
+        "Look at the lines that are named: correct rows in another form, or give `--header-row` "
+        "if they are not rows of the table.",
     ),
     "rows-dropped": _information(
         "Rows with a missing or non-numeric cell were left out, as `--invalid drop` asks for.",
@@ -158,8 +158,8 @@ _READING = {
         "Nothing, unless a run that you need is among them.",
     ),
     "samples-invalid": _information(
-        "Samples of a channel with instants of its own are marked invalid, or are no numbers; they "
-        "are not used.",
+        "Samples of a channel with instants of its own are marked invalid, or are not numbers; "
+        "they are not used.",
         "Nothing, if they are few; else find out why the recorder marked them.",
     ),
     "saturated": _warning(
@@ -228,7 +228,7 @@ _READING = {
         "Leave `--unit` out if the header is right; correct the header if it is not.",
     ),
     "variables-left-out": _information(
-        "Elements of a recording that are no vectors of numbers of one length were left out.",
+        "Elements of a recording that are not numeric vectors of one length were left out.",
         "Nothing, unless one that you need is among them: `inspect` says why it was left out.",
     ),
 }
@@ -249,7 +249,7 @@ _JUDGEMENT = {
     ),
     "channel-missed": _warning(
         "A measured channel beside the output, such as a pressure, is missed by more than its "
-        "noise: something that was given or recorded is not as the machine was.",
+        "noise: a given number or a recording does not match the machine.",
         "Check the given numbers, the sensors and the clock that the message names.",
     ),
     "closed-loop": _warning(
@@ -306,8 +306,8 @@ _JUDGEMENT = {
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "implausible-number": _warning(
-        "A number that was given, or a column, is out of all proportion for an actuator in the "
-        "unit that it was taken in, or has an impossible sign.",
+        "A number that was given, or a column, is implausible for an actuator in the unit that it "
+        "was taken in, or has an impossible sign.",
         "Give it in SI or with its unit, name the unit of the column with `--unit`, or reverse the "
         "sign with `--scale`.",
     ),
@@ -360,7 +360,7 @@ _JUDGEMENT = {
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
     "search-bounded": _warning(
-        "The search ended at the number of simulations that a fit may take.",
+        "The search stopped at the number of simulations that a fit may take.",
         "Give `--start` values near the right ones, or hold what is known with `--fix`.",
     ),
     "sign-reversed": _information(
@@ -477,7 +477,7 @@ _FAMILIES = {
         "holds in any case.",
     ),
     "logs-disagree": _warning(
-        "A log holds another friction than that of the fit.",
+        "The friction in a log differs from that of the fit.",
         "Fit logs of different pressure or condition separately; of a log slower than the dead "
         "band, record such speeds with less noise and give `--stribeck=estimate`.",
     ),

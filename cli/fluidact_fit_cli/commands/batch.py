@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fluidact_fit.batch.outcome import Outcome
     from fluidact_fit.batch.pools import Pool
 
-_ALIKE = "Instead of JOBS: logs that are named alike"
+_ALIKE = "Instead of JOBS: logs found by their names"
 _WHERE = "Where it runs"
 _TOLD = 5  # reasons of failed jobs that the terminal shows
 # What every fit of a worker needs, imported once for all of them.
@@ -38,7 +38,7 @@ _PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
     params=[
         click.Argument(["jobs_file"], metavar="[JOBS]", required=False),
         Option(["--output", "-o", "folder"], metavar="FOLDER", required=True, group="Output",
-               help="Where to write; made when it does not exist."),
+               help="Folder for the results; created if it does not exist."),
         flag("--force", "-f", group="Output",
              help="Run finished jobs again, and replace files that no earlier run wrote."),
         family_option("Family of all jobs.", _ALIKE),
@@ -46,11 +46,11 @@ _PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
                help="Which logs, for example 'fleet/**/*.csv'. Repeatable."),
         Option(["--group-by"], metavar="file|folder|PATTERN", group=_ALIKE,
                help="Which logs make a job: each one (default), those of a folder, or those whose "
-               "names have the same text in the place of {job}: 'unit{job}_*.csv'."),
+               "names agree at {job}: 'unit{job}_*.csv'."),
         Option(["--options"], metavar="'OPTIONS'", group=_ALIKE,
                help="Options of every fit, in quotes: --options '--unit inlet=bar'."),
         Option(["--workers"], type=click.IntRange(1, 10_000), metavar="N", group=_WHERE,
-               help="How many processes (default: one for each processor)."),
+               help="Number of processes (default: one for each processor)."),
         Option(["--scheduler"], metavar="tcp://HOST:PORT", group=_WHERE,
                help="Run on the workers of this Dask scheduler, which need access to the files."),
         Option(["--cluster"], type=click.Choice(["local", "slurm", "kubernetes"]), group=_WHERE,

@@ -20,9 +20,9 @@ _ACCEPTED = "Overriding safety checks"
     params=[
         click.Argument(["params_files"], metavar="PARAMS...", nargs=-1, required=True),
         Option(["--to"], metavar="c|st|ros2|matlab|fmu|json", required=True, group="Output",
-               help="The language."),
+               help="Language or format."),
         Option(["--output", "-o", "folder"], metavar="FOLDER", default=".", group="Output",
-               help="Where to write (default: here); made when it does not exist."),
+               help="Folder for the files (default: here); created if it does not exist."),
         FORCE,
         Option(["--arithmetic"], type=click.Choice(["float32", "q15"]), group="Output",
                help="Floating point, or 16-bit fixed point for static maps, of the languages "
