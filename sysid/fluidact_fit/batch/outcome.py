@@ -43,6 +43,12 @@ class Task:
         Where the command is run.
     output, record
         Absolute paths of the parameter file and of the text that keeps what was said.
+    pictures
+        Paths of the files that its options name.
+    replace_any
+        Whether its options allow to replace files of anybody.
+    refusal
+        Why it must not run; empty where it may.
     replace
         Whether files that are there may be replaced: they are of this batch.
     """
@@ -53,7 +59,15 @@ class Task:
     folder: str
     output: str
     record: str
+    pictures: tuple[str, ...] = ()
+    replace_any: bool = False
+    refusal: str = ""
     replace: bool = False
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files that it writes."""
+        return (self.output, self.record, *self.pictures)
 
 
 @dataclass(frozen=True)

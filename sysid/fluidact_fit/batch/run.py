@@ -16,7 +16,7 @@ from .jobs import Job
 from .journal import NAME, Journal, open_journal, own_files
 from .outcome import Outcome, Task, refused, write_record
 from .pools import Execute, Pool
-from .targets import RECORDS, SUMMARY, Asked, AskedBy, Targets, find_targets, named_files
+from .targets import RECORDS, SUMMARY, Asked, AskedBy, find_tasks, named_files
 
 _DAMAGED = (
     "{number} of {lines} lines of {path} cannot be read and {were} left out: jobs that only they "
@@ -79,7 +79,7 @@ def run_batch(
     progress("looking at what is done")
     own = own_files(folder)
     logs = [job.found_logs(base, own) for job in jobs]
-    targets = find_targets(jobs, logs, base, folder, source, asked_by)
+    found = find_tasks(jobs, logs, base, folder, source, asked_by)
     _make_folder(folder)
     with open_journal(folder) as journal:
         if journal.damaged:
@@ -88,9 +88,10 @@ def run_batch(
                 number=journal.damaged, lines=journal.lines, path=folder / NAME, were=were,
             ))  # fmt: skip
         tasks = [
-            _task(job, paths, t, base, asked_by(job)) for job, paths, t in zip(jobs, logs, targets)
+            replace(task, key=_fingerprint(job, paths, base, asked_by(job)))
+            for job, paths, task in zip(jobs, logs, found)
         ]
-        work = _Work(folder, journal, {t.job: of for t, of in zip(tasks, targets)}, again)
+        work = _Work(folder, journal, {task.job: task for task in tasks}, again)
         left = [t for t in tasks if again or not work.is_finished(t)]
         if work.changed:
             warn(_CHANGED.format(
@@ -110,9 +111,9 @@ class _Work:
     """The files of a batch and its journal, which know of each other."""
 
     def __init__(
-        self, folder: Path, journal: Journal, targets: Mapping[str, Targets], again: bool
+        self, folder: Path, journal: Journal, tasks: Mapping[str, Task], again: bool
     ) -> None:
-        self.folder, self.journal, self.targets, self.again = folder, journal, targets, again
+        self.folder, self.journal, self.tasks, self.again = folder, journal, tasks, again
         self.changed: list[str] = []
 
     def is_finished(self, task: Task) -> bool:
@@ -134,21 +135,20 @@ class _Work:
         A job whose parameter file is somebody else's runs, and its command refuses to replace it.
         """
         allowed: list[Task] = []
-        files = [self.folder / name for name in SUMMARY] if left else []
+        files = [str(self.folder / name) for name in SUMMARY] if left else []
         for task in left:
-            of = self.targets[task.job]
-            why, remedy = of.refusal, "Correct the options of the job."
-            taken = [] if self.again or of.replace else self._taken(of)
-            if not why and taken and taken != [of.output]:
+            why, remedy = task.refusal, "Correct the options of the job."
+            taken = [] if self.again or task.replace_any else self._taken(task)
+            if not why and taken and taken != [task.output]:
                 why = f"{taken[-1]} already exists; not overwritten."
                 remedy = "Give batch --force to replace it, or move it away."
             if why:
                 self._refuse(task, refused(task, why, remedy))
             else:
                 # where no file is there, one that appears from here on is somebody else's
-                present = any(map(os.path.lexists, of.every))
+                present = any(map(os.path.lexists, task.files))
                 allowed.append(replace(task, replace=present and not taken))
-                files += (path for path in of.every if path not in taken)
+                files += (path for path in task.files if path not in taken)
         self.journal.claim(map(self._name, files))
         return allowed
 
@@ -156,32 +156,31 @@ class _Work:
         """Note what came of a job, and what it wrote."""
         found = self._checksums(outcome.job) if outcome.exit == 0 else {}
         files = {name: checksum for name, checksum in found.items() if checksum}
-        files[self._name(self.targets[outcome.job].record)] = ""  # its own, whatever stands in it
+        files[self._name(self.tasks[outcome.job].record)] = ""  # its own, whatever stands in it
         self.journal.add(replace(outcome, files=files))
 
-    def _taken(self, of: Targets) -> list[Path]:
+    def _taken(self, task: Task) -> list[str]:
         """Files that are there and are not the batch's own."""
-        there = (path for path in of.every if os.path.lexists(path))
+        there = (path for path in task.files if os.path.lexists(path))
         return [path for path in there if self._name(path) not in self.journal.claimed]
 
     def _refuse(self, task: Task, outcome: Outcome) -> None:
-        if not os.path.lexists(task.record) or self._name(Path(task.record)) in (
-            self.journal.claimed
-        ):
-            self.journal.claim([self._name(Path(task.record))])
+        record = self._name(task.record)
+        if not os.path.lexists(task.record) or record in self.journal.claimed:
+            self.journal.claim([record])
             write_record(task, shell_command(["fluidact-fit", *task.words]), "", outcome)
         self.journal.add(outcome)
 
     def _checksums(self, job: str) -> dict[str, str]:
         """Checksums of the files of a job that was fitted, empty for one that is not there."""
-        of = self.targets[job]
-        return {self._name(p): _content(p).hex() for p in (of.output, *of.pictures)}
+        task = self.tasks[job]
+        return {self._name(p): _content(p).hex() for p in (task.output, *task.pictures)}
 
-    def _name(self, path: Path) -> str:
+    def _name(self, path: str) -> str:
         try:
             return os.path.relpath(path, self.folder).replace(os.sep, "/")
         except ValueError:  # on another drive
-            return str(path)
+            return path
 
 
 def _make_folder(folder: Path) -> None:
@@ -190,13 +189,6 @@ def _make_folder(folder: Path) -> None:
     except OSError as error:
         raise OutputError(f"cannot be made: {error.strerror}.", where=str(folder),
                           remedy="Give another folder with -o.") from error  # fmt: skip
-
-
-def _task(job: Job, logs: Sequence[str], of: Targets, base: Path, asked: Asked) -> Task:
-    return Task(
-        job.name, _fingerprint(job, logs, base, asked), (job.family, *logs, *job.options),
-        str(base), str(of.output), str(of.record),
-    )  # fmt: skip
 
 
 def _fingerprint(job: Job, logs: Sequence[str], base: Path, asked: Asked) -> str:
@@ -212,7 +204,7 @@ def _fingerprint(job: Job, logs: Sequence[str], base: Path, asked: Asked) -> str
     return whole.hexdigest()[:32]
 
 
-def _content(path: Path) -> bytes:
+def _content(path: str | Path) -> bytes:
     try:
         with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").digest()

@@ -11,6 +11,7 @@ from ..errors import UsageError
 from ..files import IRREGULAR, FileSet, is_irregular
 from .jobs import Job
 from .journal import NAME
+from .outcome import Task
 
 RECORDS = "logs"  # folder of what every job said
 SUMMARY = ("summary.csv", "summary.parquet", "index.html")
@@ -31,43 +32,15 @@ class Asked:
 AskedBy = Callable[[Job], Asked]
 
 
-@dataclass(frozen=True)
-class Targets:
-    """Files that a job writes, and reasons why it must not.
-
-    Attributes
-    ----------
-    output, record
-        Paths of the parameter file and of what the job says.
-    pictures
-        Paths of the files that its options name.
-    replace
-        Whether its options allow to replace files of anybody.
-    refusal
-        Why the job cannot run; empty for one that can.
-    """
-
-    output: Path
-    record: Path
-    pictures: tuple[Path, ...] = ()
-    replace: bool = False
-    refusal: str = ""
-
-    @property
-    def every(self) -> tuple[Path, ...]:
-        """All files that it writes."""
-        return (self.output, self.record, *self.pictures)
-
-
-def find_targets(
+def find_tasks(
     jobs: Sequence[Job],
     logs: Sequence[Sequence[str]],
     base: Path,
     folder: Path,
     source: Path | None,
     asked_by: AskedBy,
-) -> list[Targets]:
-    """Return what every job writes.
+) -> list[Task]:
+    """Return the task of every job with the files that it writes, without its key.
 
     A job whose options name a file that is read, that another job writes or that is of the batch
     gets a refusal.
@@ -101,10 +74,19 @@ def find_targets(
             if (whose := read.find(path) or own.find(path)) is not None:
                 shared[job.name] = f"{option} {name} would overwrite a file of {whose}."
     return [
-        Targets(*both, tuple(base / name for name in a.files.values()), a.replace,
-                shared.get(job.name, ""))
-        for job, a, both in zip(jobs, asked, places)
-    ]  # fmt: skip
+        Task(
+            job.name,
+            "",
+            (job.family, *paths, *job.options),
+            str(base),
+            str(output),
+            str(record),
+            tuple(str(base / name) for name in a.files.values()),
+            a.replace,
+            shared.get(job.name, ""),
+        )
+        for job, paths, a, (output, record) in zip(jobs, logs, asked, places)
+    ]
 
 
 def _refuse(path: Path, read: FileSet) -> None:
