@@ -21,6 +21,8 @@ from .tables import Table, percent_text
 from .units import after_number
 
 ALLOWED = 4.0  # standard errors between estimate and truth
+_MISSED = "<- missed"
+Row = tuple[str, ...]  # cells of the table, the last one empty where the truth was recovered
 _HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit", "")
 
 
@@ -43,14 +45,6 @@ class Dataset:
     def read(self) -> list[Log]:
         """Read the logs."""
         return [read_log(path, columns=dict(self.columns)) for path in self.logs]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table; ``good`` says whether the truth was recovered."""
-
-    cells: tuple[str, ...]
-    good: bool
 
 
 def find_datasets() -> Path:
@@ -113,16 +107,15 @@ def run_demo(
         result.save(directory / f"{name}.yaml", overwrite=overwrite)
         save_figure(plot_result(result), directory / f"{name}.png")
         rows += compare(dataset, result)
-    missed, number = sum(not row.good for row in rows), len(rows)
+    missed, number = sum(bool(row[-1]) for row in rows), len(rows)
     if missed:
         found = (
             f"{missed} of {number} true values were missed (by over {ALLOWED:g} standard errors)"
         )
     else:
         found = f"all {number} true values lie within {ALLOWED:g} standard errors"
-    every = tuple((*row.cells, "" if row.good else "<- missed") for row in rows)
     echo("")
-    (table or (lambda shown: echo(repr(shown))))(Table(_HEADER, every, drop=(5, 2)))
+    (table or (lambda shown: echo(repr(shown))))(Table(_HEADER, tuple(rows), drop=(5, 2)))
     for line in ("", f"parameter files and pictures: {directory}", found):
         echo(line)
     return int(missed > 0)
@@ -143,12 +136,12 @@ def _compare_numbers(dataset: Dataset, result: FitResult, fit_percent: str) -> I
         unit = after_number(truth["unit"])
         head = (dataset.family, name, f"{truth['value']:.6g}{unit}")
         if not isinstance(found.value, float) or not isinstance(found.std_error, float):
-            yield Row((*head, found.status.replace("_", " "), "-", fit_percent), False)
+            yield (*head, found.status.replace("_", " "), "-", fit_percent, _MISSED)
             continue
         deviation = (found.value - truth["value"]) / found.std_error
         estimate = f"{found.value:.6g} ± {found.std_error:.2g}"
-        good = abs(deviation) <= ALLOWED
-        yield Row((*head, estimate, f"{deviation:+.2f}", fit_percent), good)
+        missed = "" if abs(deviation) <= ALLOWED else _MISSED
+        yield (*head, estimate, f"{deviation:+.2f}", fit_percent, missed)
 
 
 def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row:
@@ -167,8 +160,8 @@ def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row
     distance = float(np.max(np.abs(curves[0] - curves[1])))
     tolerance, unit = dataset.curve["tolerance"], dataset.curve["unit"]
     stated, estimate = f"± {tolerance:g} {unit}", f"off by {distance:.3g} {unit} at most"
-    cells = (dataset.family, "curve", stated, estimate, "-", fit_percent)
-    return Row(cells, distance <= tolerance)
+    missed = "" if distance <= tolerance else _MISSED
+    return (dataset.family, "curve", stated, estimate, "-", fit_percent, missed)
 
 
 def _check_directory(directory: Path, overwrite: bool) -> None:
