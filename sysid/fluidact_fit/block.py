@@ -203,11 +203,6 @@ class Block(Presented, ABC):
         known = self.validity.get(role.name)
         return Port(role.name, known.unit if known else role.unit)
 
-    @property
-    def verdict(self) -> str:
-        """Verdict of the fit: ``pass``, ``warn`` or ``fail``."""
-        return str(self.document.fit.verdict)
-
     def accept(self, names: bool | Collection[str]) -> None:
         """Allow the use of parameters that were not identified: these, or all (``True``).
 

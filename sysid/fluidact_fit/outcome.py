@@ -200,11 +200,6 @@ class Outcome(Presented):
         return self.solution.derived
 
     @property
-    def verdict(self) -> str:
-        """``pass``, ``warn`` or ``fail``."""
-        return str(self.document.fit.verdict)
-
-    @property
     def not_identified(self) -> tuple[str, ...]:
         """Names of the parameters that the data could not determine."""
         return tuple(n for n, q in self.parameters.items() if q.status == "not_identified")

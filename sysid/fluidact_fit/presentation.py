@@ -36,6 +36,11 @@ class Presented:
     document: ParameterDocument
     variant: Variant
 
+    @property
+    def verdict(self) -> str:
+        """Verdict of the fit: ``pass``, ``warn`` or ``fail``."""
+        return str(self.document.fit.verdict)
+
     def table(self, *, derived: bool = True) -> Table:
         """Return the parameters as a table that prints itself and shows itself in a notebook.
 
@@ -150,7 +155,7 @@ class Presented:
 
     def summary(self) -> str:
         """Return verdict, parameters, validation and warnings as text."""
-        lines = [self._headline(f"verdict {self.document.fit.verdict}, ")]
+        lines = [self._headline(f"verdict {self.verdict}, ")]
         lines += [f"  {line}" for line in repr(self.table()).splitlines()]
         lines += _validation(self.document)
         lines += [f"{word} ({code}): {text}" for word, code, text in _notices(self.document)]
@@ -166,7 +171,7 @@ class Presented:
 
     def _repr_html_(self) -> str:
         """The same for notebooks."""
-        verdict = str(self.document.fit.verdict)
+        verdict = self.verdict
         badge = (
             f'<span style="background:{_COLOURS[verdict]};color:#fff;padding:0.1em 0.5em;'
             f'border-radius:0.3em"><b>{verdict.upper()}</b></span>'

@@ -11,7 +11,7 @@ from warnings import warn
 import numpy as np
 
 from .block import ValidRange
-from .errors import ExtrapolationWarning, LogError, Notice, UsageError
+from .errors import ExtrapolationWarning, LogError, Notice, UsageError, check_names
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
@@ -140,18 +140,12 @@ def simulate_steps(
     ``UsageError`` when an input is missing or there would be too many samples.
     """
     roles = [r for r in variant_of(document).roles if r.name != "time" and not r.output]
+    check_names("--input", "input", inputs, [role.name for role in roles])
     for role in roles:
         if role.required and role.name not in inputs:
             raise UsageError(
                 f"the input '{role.name}' is missing.",
                 remedy=f"Give --input {role.name}=FROM:TO@T, or a LOG.",
-            )
-    names = [role.name for role in roles]
-    for name in inputs:
-        if name not in names:
-            raise UsageError(
-                f"--input {name}=FROM:TO: '{name}' is no input of this model",
-                expected=f"Its inputs: {', '.join(names) or 'none'}.",
             )
     samples = duration / sample_time
     if not 2 <= samples <= _MOST_SAMPLES:

@@ -98,4 +98,4 @@ def test_an_output_is_no_input(trial: Any, here: Callable[..., Any]) -> None:
         words += ["--input", f"{role}=0:1"]
     done = here("simulate", trial.path, *words)
     assert done.status == 2, done.err
-    assert f"'{output}' is no input of this model" in done.err
+    assert f"--input names the input '{output}', which does not exist here" in done.err

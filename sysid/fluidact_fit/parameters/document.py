@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Discriminator,
@@ -85,6 +86,16 @@ def refuse(objections: Iterable[tuple[Location, str]]) -> None:
     ]
     if errors:
         raise ValidationError.from_exception_data("document", errors)
+
+
+def _as(model: type[BaseModel]) -> AfterValidator:
+    """Check of a free part: what this program reads of it has to be as in a model."""
+
+    def check(part: Free | None) -> Free | None:
+        model.model_validate(part or {})
+        return part
+
+    return AfterValidator(check)
 
 
 class Part(BaseModel):
@@ -286,13 +297,7 @@ class Fit(Part):
     residual_whiteness: Whiteness | None = None
     method: str | None = None
     logs: list[LogFit] = []
-    details: Free | None = None
-
-    @field_validator("details")
-    @classmethod
-    def _holds_what_is_read(cls, details: Free | None) -> Free | None:
-        _KnownDetails.model_validate(details or {})
-        return details
+    details: Annotated[Free | None, _as(_KnownDetails)] = None
 
 
 class WarningEntry(Part):
@@ -381,13 +386,7 @@ class LogSource(Part):
     rows: Count
     sample_time: Annotated[Number, Field(ge=0.0)] | None = None
     columns: dict[str, Column] = {}
-    details: Free | None = None
-
-    @field_validator("details")
-    @classmethod
-    def _holds_what_is_read(cls, details: Free | None) -> Free | None:
-        _KnownLogDetails.model_validate(details or {})
-        return details
+    details: Annotated[Free | None, _as(_KnownLogDetails)] = None
 
 
 class _Choices(Part):
@@ -407,7 +406,7 @@ class Provenance(Part):
     command: str | None = None
     logs: list[LogSource] = []
     seed: Annotated[int, Field(ge=0)] | None = None
-    options: Free | None = None
+    options: Annotated[Free | None, _as(_Choices)] = None
 
     @field_validator("created")
     @classmethod
@@ -417,12 +416,6 @@ class Provenance(Part):
         except ValueError:
             refuse([((), f"{created[:60]!r} is not an instant, such as '2026-11-20T22:00:00Z'")])
         return created
-
-    @field_validator("options")
-    @classmethod
-    def _can_be_used_again(cls, options: Free | None) -> Free | None:
-        _Choices.model_validate(options or {})
-        return options
 
 
 class ParameterDocument(Part):
