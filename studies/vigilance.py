@@ -59,7 +59,7 @@ def record_and_fit(family: str, number: int) -> Run:
 
     import fluidact_fit as ff
     from fluidact_fit.demo import Dataset
-    from fluidact_fit.notices import is_information
+    from fluidact_fit.notices import is_note
 
     data = next(d for d in find_datasets() if d.family == family)
     with TemporaryDirectory(prefix="vigilance-") as folder:
@@ -72,7 +72,7 @@ def record_and_fit(family: str, number: int) -> Run:
         except ff.FluidactError as error:
             return Run(family, (type(error).__name__,), (), time.process_time() - began)
         seconds = time.process_time() - began
-    codes = tuple(sorted({n.code for n in found.notices if not is_information(n.code)}))
+    codes = tuple(sorted({n.code for n in found.notices if not is_note(n.code)}))
     if found.verdict == "fail" and not codes:
         codes = ("fail",)
     held = []

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterable
 
 from fluidact_fit.errors import Notice, listed, visible
-from fluidact_fit.notices import is_information
+from fluidact_fit.notices import is_note
 
 from .show import paint, tell_painted, width_of
 
@@ -20,14 +20,14 @@ _INDENT, _CONTINUED = "  ", "    "
 def echo_notices(notices: Iterable[Notice]) -> None:
     """Print warnings, then notes, on standard error; what several logs have in common once."""
     together: dict[tuple[str, str], list[str]] = {}
-    for notice in sorted(notices, key=lambda n: is_information(n.code)):
+    for notice in sorted(notices, key=lambda n: is_note(n.code)):
         name, colon, rest = notice.message.partition(": ")
         of_log = bool(colon) and " " not in name
         names = together.setdefault((notice.code, rest if of_log else notice.message), [])
         names += [name] * of_log
     for (code, message), names in together.items():
         where = f"{listed(names, _NAMED)}: " if names else ""
-        word = "note" if is_information(code) else "warning"
+        word = "note" if is_note(code) else "warning"
         tell_message(word, f"{where}{message}", code)
 
 

@@ -148,9 +148,9 @@ class Result:
     @property
     def quiet(self) -> bool:
         """Whether the file passed without a word beyond information."""
-        from fluidact_fit.notices import is_information
+        from fluidact_fit.notices import is_note
 
-        return self.verdict == "pass" and all(is_information(c) for c in self.codes)
+        return self.verdict == "pass" and all(is_note(c) for c in self.codes)
 
     @property
     def silent(self) -> list[str]:

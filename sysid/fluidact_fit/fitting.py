@@ -48,7 +48,7 @@ from .logs.experiments import LONGEST, SHORTEST
 from .logs.kinds import check_window
 from .logs.opening import in_seconds, listed_logs, window_in_seconds
 from .logs.source import files_of
-from .notices import is_information
+from .notices import is_note
 from .other_structure import find_other_structure
 from .outcome import Simulation
 from .result import FitResult
@@ -560,7 +560,7 @@ def _naming_what_was_read(notices: Sequence[Notice]) -> Iterator[None]:
     try:
         yield
     except NotIdentifiedError as error:
-        found = [n.message for n in notices if not is_information(n.code)]
+        found = [n.message for n in notices if not is_note(n.code)]
         if not found:
             raise
         remedy = "\n".join([*found, error.remedy])

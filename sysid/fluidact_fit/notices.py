@@ -545,17 +545,9 @@ CODES: Mapping[str, Code] = MappingProxyType(
 )
 
 
-def is_information(code: str) -> bool:
+def is_note(code: str) -> bool:
     """Return whether a notice of this code leaves the verdict as it is.
 
-    Raises
-    ------
-    KeyError
-        When there is no such code.
+    One that only a later version knows, of a file, does not.
     """
-    return CODES[code].severity == "information"
-
-
-def is_note(code: str) -> bool:
-    """As :func:`is_information`, of a code from a file of any version: unknown ones are none."""
-    return code in CODES and is_information(code)
+    return code in CODES and CODES[code].severity == "information"

@@ -17,7 +17,7 @@ from .control import make_block
 from .errors import StrictError
 from .experiment import FloatArray
 from .logs import LogLike, Reading
-from .notices import is_information
+from .notices import is_note
 from .outcome import Outcome, Simulation
 from .parameters import ParameterDocument, save_document
 from .simulation import simulate_given
@@ -107,7 +107,7 @@ class FitResult(Outcome):
         """
         if not self.notices:
             return
-        notes = sum(is_information(n.code) for n in self.notices)
+        notes = sum(is_note(n.code) for n in self.notices)
         counts = ((len(self.notices) - notes, "warning"), (notes, "note"))
         count = " and ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n)
         raise StrictError(

@@ -16,7 +16,7 @@ from studies.red_team.attacks.variants import travelled
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.export import export
-from fluidact_fit.notices import is_information
+from fluidact_fit.notices import is_note
 from fluidact_fit.result import FitResult
 from fluidact_fit.routines import Machine
 
@@ -68,7 +68,7 @@ def test_truth_is_recovered_from_speed_angle_and_position(output: str, even: boo
     result = ff.fit("hydraulic-motor", log(output, truth, 3), **options)
     # a position that covers hundreds of metres is doubted, and rightly
     doubted = {"implausible-number"} if output == "position" else set()
-    assert {n.code for n in result.notices if not is_information(n.code)} == doubted
+    assert {n.code for n in result.notices if not is_note(n.code)} == doubted
     assert max(map(abs, deviations(result, truth).values())) < 4.0
     unit = {"speed": "rad/s/A", "angle": "rad/s/A", "position": "m/s/A"}[output]
     assert result.parameters["gain"].unit == unit

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ..errors import Notice
 from ..estimation.uncertainty import Whiteness, whiteness
 from ..experiment import all_of, where_finite
-from ..notices import is_information
+from ..notices import is_note
 from ..outcome import Agreement, Simulation
 from ..tables import percent_text
 from . import policy
@@ -80,6 +80,6 @@ def judge(
                 "record with a cleaner sensor, to narrow them."
             )
         reasons.append(Notice("weak-fit", misses + remedy))
-    if not all(is_information(n.code) for n in (*notices, *reasons)):
+    if not all(is_note(n.code) for n in (*notices, *reasons)):
         return "warn", reasons
     return "pass", reasons
