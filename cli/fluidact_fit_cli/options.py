@@ -174,7 +174,7 @@ VERBOSITY: list[click.Parameter] = [
         "--verbose",
         "-v",
         group="Messages",
-        help="Print more: every stage as it begins, every log, and the time that each stage took.",
+        help="Print more: every stage as it begins, every log, and how long each stage took.",
     ),
     DEBUG,
 ]
@@ -184,8 +184,8 @@ _READING = "Reading the log"
 READING: list[click.Parameter] = [
     assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
                "Column of a role, by header or by number (#1 is the first). Default: the "
-               "column named like the role. Repeatable. Some of several logs may lack the "
-               "column of an optional role.", _READING),
+               "column named like the role. Repeatable. Of several logs, some may lack the column "
+               "of an optional role.", _READING),
     assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
                "Unit of a role; overrides that of the header. Without either, SI.", _READING),
     assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
@@ -194,9 +194,8 @@ READING: list[click.Parameter] = [
            "Time from one sample to the next, for logs without a time column.", _READING),
     assignment("--step", "[LOG:]ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
                "For an input that was not recorded: constant at FROM, then constant at TO (in "
-               "its --unit, or SI, or with a unit: 0:2.5V) from T seconds on (default 0). Of all "
-               "logs, or of those whose name matches LOG, which goes before: --step "
-               "'a*.csv:command=0:5'.", _READING),
+               "its --unit, or SI, or with a unit: 0:2.5V) from T seconds on (default 0). LOG "
+               "limits it to logs whose name matches: --step 'a*.csv:command=0:5'.", _READING),
     Option(["--window", "--fit-window", "window"], group=_READING,
            type=Parsed("START:END", "--window 0.5:3", parse_window),
            help="Part of the log to use, in seconds or with a unit (1:5min); either side may be "
@@ -210,10 +209,10 @@ READING: list[click.Parameter] = [
                "none. Default: detected where it is certain.", _READING),
     Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
            help="Leave out runs (2 or 2,5), seconds (time=3:3.5) or lines of the file "
-           "(lines=120:130), of all logs or of those whose name matches LOG (* matches anything). "
+           "(lines=120:130), in all logs or in those whose name matches LOG (* matches anything). "
            "Repeatable."),
     Option(["--exclude-rows"], metavar="[LOG:]ROWS", multiple=True, group=_READING,
-           help="Leave out rows of the data, counted from 1: 7, or 120:130, or both with a comma. "
+           help="Leave out rows of the data, counted from 1: 7, 120:130, or several with commas. "
            "Repeatable."),
     Option(["--invalid"], type=click.Choice(["drop", "refuse"]), group=_READING,
            help="Rows with a missing or non-numeric cell in a column that is used: drop leaves "
@@ -224,7 +223,7 @@ READING: list[click.Parameter] = [
     assignment("--from-name", "ROLE=TEXT{UNIT}", "'position=kinked{%}'", parse_text,
                "A constant that is part of the file name; use --set where it is not.", _READING),
     parsed("--decimal", "SIGN", ",", parse_sign,
-           "Decimal separator, where the log leaves it open.", _READING),
+           "Decimal separator, where the log is ambiguous.", _READING),
     parsed("--thousands", "SIGN", "' '", parse_sign,
            "Thousands separator, in quotes if it is a space.", _READING),
     parsed("--delimiter", "SIGN", "';'", parse_sign,

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from threading import Event, Lock, Thread
+from typing import Self
 
 from .show import is_terminal, tell, width_of
 
@@ -56,6 +57,12 @@ class Progress:
         elif self.lines and now - self.last > _PATIENCE:
             tell(f"{message} ... ({now - self.begun:.0f} s)")
             self.last = now
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
 
     def clear(self) -> None:
         """Remove the line for a message, or for good."""

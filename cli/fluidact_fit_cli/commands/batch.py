@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,13 +65,13 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     """Run the fits that the table JOBS lists, each as one command line.
 
     \b
-    JOBS is CSV, or YAML with the same keys, one row a parameter file FOLDER/JOB.yaml:
+    JOBS is CSV, or YAML with the same keys, one row per parameter file FOLDER/JOB.yaml:
       job      its name
       family   valve, line, ...
       logs     paths or patterns, separated by ; and relative to the folder of JOBS
       options  as on the command line, without -o
 
-    FOLDER/summary.csv and summary.parquet have one row a job (status, exit status, verdict,
+    FOLDER/summary.csv and summary.parquet have one row per job (status, exit status, verdict,
     every number with its standard error, message), FOLDER/index.html shows them, FOLDER/logs
     keeps the messages of every job. Run the same command again to resume: finished
     jobs with the same logs, options and version are not repeated. A job that fails does not stop
@@ -92,7 +92,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     jobs, base = _jobs(jobs_file, target, params)
     _check_folder(target, params["force"])
     with (
-        closing(Progress(params["quiet"], params["verbose"], lines=True)) as progress,
+        Progress(params["quiet"], params["verbose"], lines=True) as progress,
         _pool(params, progress) as pool,
     ):
         if not target.exists() or target.is_dir():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -45,7 +44,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
     refuse_twice(logs)
     document = options.read_params(params_file, logs)
-    with closing(Progress(params["quiet"], params["verbose"], stages=_STAGES)) as progress:
+    with Progress(params["quiet"], params["verbose"], stages=_STAGES) as progress:
         progress("reading")
         found = check(document, list(logs), progress=progress, **options.reading(params))
     if not params["quiet"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import Any
 
 import click
@@ -56,7 +55,7 @@ def command(
     ctx: click.Context, /, files: tuple[str, ...], structures: str | None, as_json: bool,
     **params: Any,
 ) -> None:  # fmt: skip
-    """Compare parameter files of one family, or logs, with the first of them; or structures.
+    """Compare parameter files of one family, or logs, with the first one; or structures.
 
     \b
     PARAMS (.yaml)  every parameter with its standard error, how many standard errors it differs
@@ -67,8 +66,8 @@ def command(
                     which terms of the family's equation the logs support, judged by logs that
                     were held out and by the Bayesian information criterion (BIC)
 
-    A difference is a result: the exit status is 0. Whether a file still describes a machine is
-    what `check PARAMS LOG` says.
+    A difference is a result: the exit status is 0. `check PARAMS LOG` tells whether a file still
+    describes a machine.
 
     \b
     Examples:
@@ -83,7 +82,7 @@ def command(
         return
     from fluidact_fit.comparison import compare
 
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         progress("reading")
         found = compare(*files, **options.reading(params))
     if as_json:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -40,7 +39,7 @@ def run(
     from fluidact_fit.structures import compare_structures
 
     refuse_twice(files)
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         progress("reading")
         found = compare_structures(
             name, options.read_logs(files, params), fixed=params["fix"], start=params["start"],

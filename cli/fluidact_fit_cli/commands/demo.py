@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 
 import click
@@ -27,7 +26,7 @@ def command(directory: str) -> int:
     """
     from fluidact_fit.demo import run_demo
 
-    with closing(Progress(lines=True)) as progress:
+    with Progress(lines=True) as progress:
 
         def show(line: str) -> None:
             progress.close()  # nothing is fitted any more

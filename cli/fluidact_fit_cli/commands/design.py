@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -87,7 +86,7 @@ def command(
             remedy=f"Give `design {document.family} --from {params_file}`, or another file.",
         )
     names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         found = make_design(document, progress=progress, **{n: params[n] for n in names})
     if output is not None:
         write_all({output: found.to_csv()}, force)

@@ -55,7 +55,7 @@ def command(
     NAME is the name of the parameter file; functions and variables are called by it as an
     identifier: ball-screw.yaml as ball_screw, and so are the files for MATLAB. The files of one
     parameter file are written all or none; their names go to standard
-    output, one a line. Where a language cannot hold one of several files, the others are written
+    output, one per line. Where a language cannot hold one of several files, the others are written
     and the exit status is 2.
 
     \b

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +48,7 @@ def command(ctx: click.Context, /, logs: tuple[str, ...], **params: Any) -> None
     from fluidact_fit.files import shell_command
 
     invocation = ctx.find_object(Invocation) or Invocation(("fit", *logs))
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         progress("reading")
         read = options.read_logs(logs, params)
         targets = targets_of("", params)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,7 +122,7 @@ def output_options(name: str) -> list[click.Parameter]:
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
         Option(["--details"], metavar="FILE.json", group=group,
                help="All details of the fit and its examination as JSON; the parameter file "
-               "keeps those of one line."),
+               "keeps the one-line ones."),
         flag("--json", "as_json", group=group,
              help="The parameter document as JSON on standard output, and nothing else. A file "
              "is then written only if -o names one."),
@@ -141,7 +140,7 @@ def run_fit(
     _refuse_existing(family, params, targets)
     validated = params["validate"] or params["validate_window"] is not None
     stages = [stage for stage in _STAGES if stage != "validating" or validated]
-    with closing(Progress(params["quiet"], params["verbose"], stages=stages)) as progress:
+    with Progress(params["quiet"], params["verbose"], stages=stages) as progress:
         result = _fit(family, params, invocation, progress)
         result = replace(result, document=result.document_to_write(params["accept_failed"]))
         progress("writing")

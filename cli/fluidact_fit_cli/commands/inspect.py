@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +71,7 @@ def command(
         if Path(plot).suffix.lower() not in (".html", ".htm"):
             paths["--plot (responses)"] = str(_beside(Path(plot)))
         check_targets(paths, logs, force, also=(".html", ".htm"))
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         progress("reading")
         read = options.read_logs(logs, params)
     every, roles = [], {}
@@ -86,7 +85,7 @@ def command(
         for other in every[1:]:
             _show_briefly(other)
         echo_notices(Inspection(tuple(every), ()).notices)
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         advice = suggest(read, logs, family, trial=trial, words=words, progress=progress)
     if as_json:
         echo_json(Inspection(tuple(every), tuple(advice)).to_dict())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -82,7 +81,7 @@ def command(
 
     With --controller, several PARAMS make one machine, for example a ball screw and a hydrostatic
     line, which follows a --reference in closed loop; metrics and margins are printed, and -o takes
-    the trajectories. With --draws the machine varies as its parameters are uncertain, and the
+    the trajectories. With --draws the machine varies within the uncertainty of its parameters; the
     controller does not.
 
     \b
@@ -162,7 +161,7 @@ def _with_logs(
     from fluidact_fit.recall import recall_logs
     from fluidact_fit.simulation import prepare_logs, simulate_runs
 
-    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+    with Progress(params["quiet"], params["verbose"]) as progress:
         progress("reading")
         runs, notices = prepare_logs(
             document, recall_logs(document, read_logs(paths, params, document))
