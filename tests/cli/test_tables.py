@@ -63,7 +63,7 @@ def test_values_stand_in_units_of_the_log_beside_si(capsys: pytest.CaptureFixtur
     assert [re.split("  +", line) for line in lines[:5]] == [
         ["parameter", "value", "std error", "unit", "error %", "95 % interval", "in SI", "status"],
         ["gain", "1.5000", "± 0.0030", "bar/V", "0.2", "[1.4940, 1.5060]", "150000 Pa/V"],
-        ["dead_time", "0", "ms", "0 s", "not identified"],
+        ["dead_time", "0", "s", "not identified"],
         ["inertia", "12", "± 200", "g cm2", "> 1000", "[-400, 400]", "1.2e-06 kg m2"],
         ["rise_time", "12.30", "± 0.10", "ms", "0.81", "0.01230 s", "derived"],
     ]
