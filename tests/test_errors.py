@@ -57,7 +57,7 @@ def test_a_misspelt_cut_or_swapped_family_is_recognised(word: str, meant: str) -
 def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> None:
     error = UsageError("--mass was given", where="a.csv", remedy="Leave --mass out.")
     assert str(error) == "a.csv: mass was given.\nLeave mass out."
-    assert error.text == "a.csv: --mass was given\nLeave --mass out."
+    assert error.text == "a.csv: --mass was given.\nLeave --mass out."
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,8 @@ _WIDTH = 100
 _NOT_SHARED = {"family", "logs", "options", "command", "holds"}  # a fit has hold
 _KINDS = {"float": "float", "int": "int", "flag": "bool", "text": "str | int",
           "range": "tuple[float, float]"}  # fmt: skip
-_ELSEWHERE = (
-    "Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read, "
-    ":func:`.read_log` and :class:`.logs.Reading`."
-)
+_OF_FIT = "As in :func:`.fit`."
+_OF_LOGS = "How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`."
 
 
 def names() -> str:
@@ -59,12 +57,14 @@ def _function(family: Family[FamilyOptions]) -> Iterator[str]:
         yield ""
         parameters = ", ".join(f"``{p.name}`` [{p.unit}]" for p in variant.parameters)
         yield from _wrapped(f"Parameters of the result{of}: {parameters}.", 4)
-    yield ""
-    yield from _wrapped(_ELSEWHERE, 4)
     yield from ["", "    Parameters", "    ----------"]
     yield from _entry("logs", "Paths, DataFrames, mappings of header to array, or read logs.")
     for option in options:
         yield from _entry(option.name.replace("-", "_"), _about(option))
+    for text in (_OF_FIT, _OF_LOGS):
+        shared = [n for n in _shared() if (n in Reading.__annotations__) is (text == _OF_LOGS)]
+        for line in _wrapped(", ".join(shared), 4):
+            yield from _entry(line.strip().rstrip(","), text)
     yield from ["", "    Returns", "    -------", "    FitResult"]
     yield from ["", "    Raises", "    ------"]
     yield from (f"    {line}" for line in _section(ff.fit, "Raises"))

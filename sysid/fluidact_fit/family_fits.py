@@ -56,9 +56,6 @@ def fit_potentiometer(
     Parameters of the result: ``control_points`` [m], ``weights`` [1], ``reading_range`` [1],
     ``control_points_falling`` [m], ``weights_falling`` [1], ``hysteresis_dead_band`` [1].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -73,6 +70,14 @@ def fit_potentiometer(
         Keep the curve from turning back (default: unless the data say that it does).
     rails
         Readings at or beyond these are clipped and left out: two numbers, the lower one first.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -128,9 +133,6 @@ def fit_ball_screw(
     s/m], ``viscous_negative`` [N s/m], ``coulomb_positive`` [N], ``coulomb_negative`` [N],
     ``breakaway_positive`` [N], ``breakaway_negative`` [N], ``stribeck_speed`` [m/s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -139,6 +141,14 @@ def fit_ball_screw(
         One viscous value, or one per direction.
     stribeck
         Whether to estimate how friction rises at low speed.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -186,9 +196,6 @@ def fit_hydrostatic(
     Parameters of the result: ``mass`` [kg], ``damping`` [N s/m], ``stiffness`` [N/m],
     ``dead_zone_negative`` [N], ``dead_zone_positive`` [N], ``dead_time`` [s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -201,6 +208,14 @@ def fit_hydrostatic(
         Whether to estimate a spring.
     dead_time
         Whether to estimate a dead time.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -249,9 +264,6 @@ def fit_valve(
     Parameters of the result: ``gain`` [Pa/V], ``natural_frequency`` [rad/s], ``damping_ratio`` [1],
     ``dead_time`` [s], ``zero_time_constant`` [s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -264,6 +276,14 @@ def fit_valve(
         Whether to estimate a dead time.
     zero
         Whether to estimate a zero.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -317,9 +337,6 @@ def fit_line(
     Parameters of the result (command): ``gain`` [Pa/V], ``time_constant`` [s], ``dead_time`` [s],
     ``second_time_constant`` [s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -334,6 +351,14 @@ def fit_line(
         Sound speed in the line: a number above 0 [m/s].
     order
         Whether to estimate one time constant, or two.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -424,9 +449,6 @@ def fit_cylinder_friction(
     ``viscous_negative`` [N m s/rad], ``coulomb_positive`` [N m], ``coulomb_negative`` [N m],
     ``stribeck`` [N m], ``stribeck_speed`` [rad/s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -454,6 +476,14 @@ def fit_cylinder_friction(
         Whether to estimate how friction rises at low speed.
     viscous
         One viscous value, or one per direction.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -513,9 +543,6 @@ def fit_force_map(
     ``biases_2`` [1], ``weights_3`` [1], ``biases_3`` [1], ``input_offset`` [1], ``input_scale``
     [1], ``output_offset`` [1], ``output_scale`` [1], ``input_low`` [1], ``input_high`` [1].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -534,6 +561,14 @@ def fit_force_map(
         noise): a number not below 0.
     starts
         Searches from different starts: a whole number not below 1.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -593,9 +628,6 @@ def fit_spring_cylinder(
     ``coulomb_loading`` [N], ``coulomb_unloading`` [N], ``viscous`` [N s/m], ``stribeck`` [N],
     ``stribeck_speed`` [m/s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -615,6 +647,14 @@ def fit_spring_cylinder(
     settle
         Share of the range of command or pressure (of the position, if that gives the motion state)
         that is left out after a reversal, while the seal still creeps: a number not below 0.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -677,9 +717,6 @@ def fit_hydraulic_cylinder(
     ``friction_weights_2`` [1], ``friction_biases_2`` [1], ``friction_input_offset`` [1],
     ``friction_input_scale`` [1], ``friction_output_offset`` [1], ``friction_output_scale`` [1].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -704,6 +741,14 @@ def fit_hydraulic_cylinder(
         Coulomb and viscous friction alone, or a network of the speed beside them.
     stribeck
         Whether to estimate how friction rises at low speed.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -775,9 +820,6 @@ def fit_hydraulic_motor(
     ``dead_zone_positive`` [A], ``command_offset`` [A], ``gain`` [rad/s/A], ``curvature`` [1/A],
     ``saturation_command`` [A], ``hysteresis`` [A].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -794,6 +836,14 @@ def fit_hydraulic_motor(
         Whether to estimate the command at which the motor stands still (1500 us of a servo).
     dead_time
         Whether to estimate a dead time.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -842,9 +892,6 @@ def fit_flow_map(
     ``saturation_negative`` [V], ``dead_band_positive`` [V], ``gain_positive`` [m3/s/V],
     ``saturation_positive`` [V], ``curvature`` [1/V], ``leakage`` [m3/s].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
@@ -852,6 +899,14 @@ def fit_flow_map(
     reference_pressure
         Pressure drop at which the gains hold (default: the median of the log's): a number not below
         1e-09 [Pa].
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
@@ -896,13 +951,18 @@ def fit_backlash(
 
     Parameters of the result: ``play`` [m], ``ratio`` [1], ``offset`` [m].
 
-    Keywords that are not listed below are explained by :func:`.fit` and, of how logs are read,
-    :func:`.read_log` and :class:`.logs.Reading`.
-
     Parameters
     ----------
     logs
         Paths, DataFrames, mappings of header to array, or read logs.
+    hold, fixed, start, bounds, noise, validate, validate_window, controller_sample_time, strict
+        As in :func:`.fit`.
+    seed, progress
+        As in :func:`.fit`.
+    columns, units, scales, sample_time, window, exclude, exclude_rows, set, steps, unwrap
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
+    constants, from_name, invalid, decimal, thousands, delimiter, skip_rows, header_row
+        How logs are read: as in :func:`.read_log` and :class:`.logs.Reading`.
 
     Returns
     -------
