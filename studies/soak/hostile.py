@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from fluidact_fit.batch.outcome import Outcome, Task
+from fluidact_fit.batch.outcome import JobResult, Task
 
 from . import program
 from .case import LOSS, WRONG, Case, Part, Result
@@ -149,7 +149,7 @@ def _judge_files(before: dict[str, str], result: Result, may_change: Any) -> Non
 class _Here:
     """A pool without processes."""
 
-    def run(self, execute: Any, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def run(self, execute: Any, tasks: Sequence[Task]) -> Iterator[JobResult]:
         """Outcomes one after the other."""
         return map(execute, tasks)
 

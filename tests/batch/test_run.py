@@ -12,7 +12,7 @@ import pytest
 from batch_jobs import note
 from fluidact_fit.batch import Job, run_batch
 from fluidact_fit.batch.journal import NAME, open_journal
-from fluidact_fit.batch.outcome import Outcome, Task
+from fluidact_fit.batch.outcome import JobResult, Task
 from fluidact_fit.batch.pools import LocalPool
 from fluidact_fit.errors import OutputError
 
@@ -21,7 +21,7 @@ def _jobs(*options: Sequence[str]) -> list[Job]:
     return [Job(f"j{k}", "line", ("a.csv",), tuple(words)) for k, words in enumerate(options)]
 
 
-def _run(jobs: list[Job], folder: Path, workers: int = 2, **more: Any) -> list[Outcome]:
+def _run(jobs: list[Job], folder: Path, workers: int = 2, **more: Any) -> list[JobResult]:
     (folder / "a.csv").touch()
     return run_batch(jobs, folder, folder / "out", note, LocalPool(workers), **more)
 

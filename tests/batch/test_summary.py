@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from fluidact_fit.batch import Job, write_summary
-from fluidact_fit.batch.outcome import Outcome
+from fluidact_fit.batch.outcome import JobResult
 
 FORMULAS = (
     "=cmd|'/C calc'!A1", "+1+1", "-2+3+cmd|' /C calc'!A0", "@SUM(1+1)*cmd", "=HYPERLINK('x')",
@@ -19,7 +19,7 @@ FORMULAS = (
 
 
 def _written(folder: Path, name: str, message: str) -> list[dict[str, str]]:
-    outcome = Outcome(
+    outcome = JobResult(
         name, "k", 0, "pass", message, message, (message,),
         {"gain": {"value": -1.5, "std_error": 0.5, "unit": "V", "status": "estimated"}},
     )  # fmt: skip
@@ -53,7 +53,7 @@ def test_what_is_harmless_stays_as_it_is(name: str, tmp_path: Path) -> None:
 def test_the_page_shows_markup_as_text(tmp_path: Path) -> None:
     evil = "<img src=x onerror=alert(1)>&\"'"
     _written(tmp_path, "j", evil)
-    failed = Outcome(evil, "k", 3, message=evil, reason=evil)
+    failed = JobResult(evil, "k", 3, message=evil, reason=evil)
     write_summary([Job(evil, "line", ("a.csv",))] * 2, [failed, failed], tmp_path)
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "onerror" in page

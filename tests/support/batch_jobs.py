@@ -8,10 +8,10 @@ import threading
 import time
 from pathlib import Path
 
-from fluidact_fit.batch.outcome import Outcome, Task
+from fluidact_fit.batch.outcome import JobResult, Task
 
 
-def note(task: Task) -> Outcome:
+def note(task: Task) -> JobResult:
     """Note that the job ran, and end as its options say."""
     with Path(task.folder, "ran.txt").open("a", encoding="utf-8") as file:
         file.write(task.job + "\n")
@@ -26,4 +26,4 @@ def note(task: Task) -> Outcome:
         failed = 2
     if not failed:
         Path(task.output).write_text(task.key, encoding="utf-8")
-    return Outcome(task.job, task.key, failed, lasting="again" not in task.words)
+    return JobResult(task.job, task.key, failed, lasting="again" not in task.words)

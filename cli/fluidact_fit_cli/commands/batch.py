@@ -21,7 +21,7 @@ from ..show import echo, echo_table, echo_text
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
-    from fluidact_fit.batch.outcome import Outcome
+    from fluidact_fit.batch.outcome import JobResult
     from fluidact_fit.batch.pools import Pool
 
 _ALIKE = "Instead of JOBS: logs found by their names"
@@ -115,7 +115,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
         )
 
 
-def _tell_failures(outcomes: Sequence[Outcome], target: Path) -> None:
+def _tell_failures(outcomes: Sequence[JobResult], target: Path) -> None:
     """Say once for each reason why jobs have no parameter file."""
     from fluidact_fit.batch.summary import by_reason
     from fluidact_fit.batch.targets import SUMMARY

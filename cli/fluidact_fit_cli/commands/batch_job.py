@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any, cast
 
 from fluidact_fit.batch.jobs import Job
-from fluidact_fit.batch.outcome import Number, Outcome, Task, write_record
+from fluidact_fit.batch.outcome import JobResult, Number, Task, write_record
 from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
 from fluidact_fit.families import get_family
@@ -45,7 +45,7 @@ def _asked(family: str, words: tuple[str, ...]) -> Asked:
     return Asked(targets_of(family, {**context.params, "as_json": True}), context.params["force"])
 
 
-def execute(task: Task) -> Outcome:
+def execute(task: Task) -> JobResult:
     """Run a fit as if it had been typed in the folder of the jobs; never raises.
 
     Standard error is kept in the record of the job.
@@ -56,7 +56,7 @@ def execute(task: Task) -> Outcome:
         error = _run(task)
     message, status = ("", 0) if error is None else explain(error)
     document = json.loads(shown.getvalue()) if error is None else {}
-    outcome = Outcome(
+    outcome = JobResult(
         task.job, task.key, status,
         verdict=document.get("fit", {}).get("verdict", ""),
         message=message,
@@ -118,11 +118,11 @@ def _table(document: dict[str, Any]) -> str:
     return shown.getvalue()
 
 
-def _keep(task: Task, outcome: Outcome, said: str) -> Outcome:
+def _keep(task: Task, outcome: JobResult, said: str) -> JobResult:
     """Write the record of a job; what cannot be written is told in the outcome."""
     try:
         write_record(task, shell_command(["fluidact-fit", *task.words]), said, outcome)
     except (OutputError, OSError) as error:
         message, status = explain(error)
-        return Outcome(task.job, task.key, status, message=message, reason=message, lasting=False)
+        return JobResult(task.job, task.key, status, message=message, reason=message, lasting=False)
     return outcome

@@ -19,7 +19,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..errors import SchedulerError, UsageError
-from .outcome import Outcome, Task, died
+from .outcome import JobResult, Task, died
 from .pools import Execute
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class DaskPool:
         self.client, self.patience, self.progress = client, patience, progress
         self._idle: float | None = None  # since when there is nobody to work
 
-    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[JobResult]:
         """See :class:`.Pool`. Tasks of a worker that dies are run by another.
 
         Raises

@@ -21,7 +21,7 @@ from typing import Any
 from ..errors import OutputError, UsageError
 from ..files import IRREGULAR, FileSet, is_irregular, open_regular
 from ..parameters.atomic import locked
-from .outcome import Outcome
+from .outcome import JobResult
 
 NAME = "journal.jsonl"
 _OURS = (b'{"claimed": ', b'{"job": ')
@@ -41,11 +41,11 @@ class Journal:
         content = file.read()
         lines = [line for line in content.split(b"\n") if line]
         entries = [_entry(line) for line in lines]
-        self.outcomes: dict[str, Outcome] = {}
+        self.outcomes: dict[str, JobResult] = {}
         self.claimed = _claimed(entries)
         self.lines, self.damaged = len(lines), entries.count(None)
         for found in entries:
-            if isinstance(found, Outcome):
+            if isinstance(found, JobResult):
                 self.outcomes[found.job] = found
         if lines and self.damaged == self.lines and not content.startswith(_OURS):
             raise UsageError(
@@ -62,7 +62,7 @@ class Journal:
             self._append({"claimed": more})
         self.claimed.update(more)
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: JobResult) -> None:
         """Append an outcome; it has left this process when this returns."""
         self._append(outcome.to_dict())
         self.outcomes[outcome.job] = outcome
@@ -121,10 +121,10 @@ def own_files(folder: Path) -> FileSet:
     return FileSet(folder / name for name in names)
 
 
-def _claimed(entries: Iterable[Outcome | set[str] | None]) -> set[str]:
+def _claimed(entries: Iterable[JobResult | set[str] | None]) -> set[str]:
     claimed: set[str] = set()
     for found in entries:
-        claimed |= found.files.keys() if isinstance(found, Outcome) else found or set()
+        claimed |= found.files.keys() if isinstance(found, JobResult) else found or set()
     return claimed
 
 
@@ -137,7 +137,7 @@ def _check(body: bytes) -> str:
     return hashlib.sha256(body).hexdigest()[:_DIGITS]
 
 
-def _entry(line: bytes) -> Outcome | set[str] | None:
+def _entry(line: bytes) -> JobResult | set[str] | None:
     """Parse a line; ``None`` for one that is damaged, or not of the types it should be."""
     body, found, check = line.rpartition(_CHECK)
     if not found or check != _check(body).encode() + b'"}':
@@ -156,4 +156,4 @@ def _entry(line: bytes) -> Outcome | set[str] | None:
 def _types() -> tuple[Any, Any]:
     from pydantic import ConfigDict, TypeAdapter
 
-    return TypeAdapter(list[str], config=ConfigDict(strict=True)), TypeAdapter(Outcome)
+    return TypeAdapter(list[str], config=ConfigDict(strict=True)), TypeAdapter(JobResult)

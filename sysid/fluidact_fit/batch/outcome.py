@@ -71,8 +71,8 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Outcome of a job.
+class JobResult:
+    """Result of a job.
 
     ``parameters`` map names to ``value``, ``std_error``, ``unit`` and ``status`` as in the
     parameter file; ``warnings`` are codes; ``reason`` is what was found, without where;
@@ -107,23 +107,23 @@ class Outcome:
         return asdict(self)
 
 
-def died(task: Task, why: str) -> Outcome:
+def died(task: Task, why: str) -> JobResult:
     """The outcome of a job that took its process with it, however often it was tried."""
     message = (
         f"The process of this job ended {why}. It may need more memory than there is: "
         "fit fewer or shorter logs (--window START:END), or give --workers a smaller number."
     )
     reason = "the process of the job died"
-    return Outcome(task.job, task.key, DIED, message=message, reason=reason, lasting=False)
+    return JobResult(task.job, task.key, DIED, message=message, reason=reason, lasting=False)
 
 
-def refused(task: Task, why: str, remedy: str) -> Outcome:
+def refused(task: Task, why: str, remedy: str) -> JobResult:
     """The outcome of a job that may not run: it would write where it must not."""
     message = f"{why}\n{remedy}"
-    return Outcome(task.job, task.key, USAGE, message=message, reason=why, lasting=False)
+    return JobResult(task.job, task.key, USAGE, message=message, reason=why, lasting=False)
 
 
-def write_record(task: Task, command: str, said: str, outcome: Outcome) -> None:
+def write_record(task: Task, command: str, said: str, outcome: JobResult) -> None:
     """Write the text that keeps what a job said.
 
     Raises

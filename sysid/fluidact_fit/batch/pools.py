@@ -17,16 +17,16 @@ from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from typing import Protocol
 
-from .outcome import Outcome, Task, died
+from .outcome import JobResult, Task, died
 
-Execute = Callable[[Task], Outcome]
+Execute = Callable[[Task], JobResult]
 _AHEAD = 3  # tasks a process has waiting: none is ever idle, and few are lost with a kill
 
 
 class Pool(Protocol):
     """Runs tasks."""
 
-    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[JobResult]:
         """Outcomes of all tasks, in the order in which they end."""
         ...
 
@@ -45,7 +45,7 @@ class LocalPool:
     def __init__(self, workers: int, preload: Sequence[str] = ()) -> None:
         self.workers, self.preload = workers, list(preload)
 
-    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def run(self, execute: Execute, tasks: Sequence[Task]) -> Iterator[JobResult]:
         """See :class:`Pool`."""
         waiting = deque(tasks)
         while waiting:
@@ -57,9 +57,9 @@ class LocalPool:
 
     def _round(
         self, execute: Execute, waiting: deque[Task], workers: int, ahead: int
-    ) -> Generator[Outcome, None, list[Task]]:
+    ) -> Generator[JobResult, None, list[Task]]:
         """Outcomes until nothing waits or a process has died; returns what was lost with it."""
-        running: dict[Future[Outcome], Task] = {}
+        running: dict[Future[JobResult], Task] = {}
         lost: list[Task] = []
         with self._processes(workers) as processes:
             while (waiting or running) and not lost:

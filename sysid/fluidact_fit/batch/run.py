@@ -14,7 +14,7 @@ from ..files import open_regular, shell_command
 from ..version import __version__
 from .jobs import Job
 from .journal import NAME, Journal, open_journal, own_files
-from .outcome import Outcome, Task, refused, write_record
+from .outcome import JobResult, Task, refused, write_record
 from .pools import Execute, Pool
 from .targets import RECORDS, SUMMARY, Asked, AskedBy, find_tasks, named_files
 
@@ -38,7 +38,7 @@ def run_batch(
     again: bool = False,
     progress: Callable[[str], None] = lambda text: None,
     warn: Callable[[str], None] = lambda text: None,
-) -> list[Outcome]:
+) -> list[JobResult]:
     """Run the jobs that are not finished, and return the outcomes of all, in their order.
 
     A finished job whose logs, options and version of the program are the same as before is not
@@ -152,7 +152,7 @@ class _Work:
         self.journal.claim(map(self._name, files))
         return allowed
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: JobResult) -> None:
         """Note what came of a job, and what it wrote."""
         found = self._checksums(outcome.job) if outcome.exit == 0 else {}
         files = {name: checksum for name, checksum in found.items() if checksum}
@@ -164,7 +164,7 @@ class _Work:
         there = (path for path in task.files if os.path.lexists(path))
         return [path for path in there if self._name(path) not in self.journal.claimed]
 
-    def _refuse(self, task: Task, outcome: Outcome) -> None:
+    def _refuse(self, task: Task, outcome: JobResult) -> None:
         record = self._name(task.record)
         if not os.path.lexists(task.record) or record in self.journal.claimed:
             self.journal.claim([record])
@@ -220,7 +220,7 @@ class _Clock:
         self.failed = 0
         self.begun = time.monotonic()
 
-    def after(self, outcome: Outcome) -> str:
+    def after(self, outcome: JobResult) -> str:
         """Text for people, after one more job has ended."""
         self.done += 1
         self.failed += outcome.exit != 0

@@ -15,7 +15,7 @@ from ..parameters.atomic import write_together
 from ..report.fleet import FleetJob, FleetQuantity, Reason, fleet_page
 from ..specification import entry_name
 from .jobs import Job
-from .outcome import STATUS, Outcome
+from .outcome import STATUS, JobResult
 from .targets import RECORDS, SUMMARY
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _FORMULA = re.compile(r"(^|;)([\s\x00-\x20]*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20
 _VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?|\S*/\S*")
 
 
-def write_summary(jobs: Sequence[Job], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+def write_summary(jobs: Sequence[Job], outcomes: Sequence[JobResult], folder: Path) -> list[Path]:
     """Write ``summary.csv``, ``summary.parquet`` and ``index.html``, all or none.
 
     Text that a spreadsheet would run as a formula stands behind an apostrophe in the CSV.
@@ -59,7 +59,7 @@ def _inert(cell: Any) -> Any:
     return _FORMULA.sub(r"\1'\2", cell.replace("\r", " "))
 
 
-def summary_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> pd.DataFrame:
+def summary_table(jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> pd.DataFrame:
     """One row a job: what came of it, and every number with its standard error.
 
     A list gives one column an entry, ``control_points[0]``; a number that a job has not is
@@ -80,7 +80,7 @@ def summary_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> pd.DataFr
     return pd.DataFrame(rows)
 
 
-def _numbers(outcome: Outcome) -> Iterator[tuple[str, str, float, float | None, str]]:
+def _numbers(outcome: JobResult) -> Iterator[tuple[str, str, float, float | None, str]]:
     """Name, unit, value, standard error and status of every number."""
     for name, entry in outcome.parameters.items():
         values, errors = entry["value"], entry.get("std_error")
@@ -89,7 +89,7 @@ def _numbers(outcome: Outcome) -> Iterator[tuple[str, str, float, float | None, 
             yield entry_name(name, place), entry["unit"], float(value), error, entry["status"]
 
 
-def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
+def _page(jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> str:
     verdicts, ends = (Counter(x) for x in zip(*((o.verdict, o.status) for o in outcomes)))
     counts = {f"verdict {v}": verdicts[v] for v in ("pass", "warn", "fail")}
     counts |= {text: ends[text] for status, text in STATUS.items() if status}
@@ -108,7 +108,7 @@ def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
     )  # fmt: skip
 
 
-def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[FleetQuantity]:
+def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> list[FleetQuantity]:
     """Distribution of every number that has a standard error, by family and name."""
     found: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
     for job, outcome in zip(jobs, outcomes):
@@ -123,12 +123,12 @@ def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[F
     return out
 
 
-def by_reason(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+def by_reason(outcomes: Sequence[JobResult]) -> list[list[JobResult]]:
     """Jobs without a file by what was found, most first.
 
     Numbers, names and paths in it are no difference.
     """
-    groups: dict[tuple[str, str], list[Outcome]] = {}
+    groups: dict[tuple[str, str], list[JobResult]] = {}
     for outcome in outcomes:
         if outcome.exit:
             key = outcome.status, _VARYING.sub("…", outcome.reason or outcome.message)
@@ -136,6 +136,6 @@ def by_reason(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
     return sorted(groups.values(), key=lambda group: -len(group))
 
 
-def _reason(group: Sequence[Outcome]) -> Reason:
+def _reason(group: Sequence[JobResult]) -> Reason:
     text = _VARYING.sub("…", group[0].reason) if len(group) > 1 else group[0].reason
     return Reason(group[0].status, text, [outcome.job for outcome in group])
