@@ -45,8 +45,11 @@ def _echo_assigned(advice: Sequence[Suggestion], choice: bool) -> None:
     """Print families that have a column for every role, and their commands."""
     _echo_families(advice)
     best = advice[0]
+    lost: dict[str, list[str]] = {}
     for name, message in best.not_identified.items():
-        echo_text(f"not determined: {message or name}")
+        lost.setdefault(message.removeprefix(name), []).append(name)
+    for message, names in lost.items():
+        echo_text(f"not determined: {', '.join(names)}{message}")
     for reason, families in _reasons(advice).items():
         echo_text(f"{families}: {reason}")
     if best.basis:

@@ -18,17 +18,19 @@ _INDENT, _CONTINUED = "  ", "    "
 
 
 def echo_notices(notices: Iterable[Notice]) -> None:
-    """Print warnings, then notes, on standard error; what several logs have in common once."""
-    together: dict[tuple[str, str], list[str]] = {}
+    """Print warnings, then notes, on standard error.
+
+    What is said of several logs or parameters, whose names come first, is said once.
+    """
+    together: dict[tuple[str, str], dict[str, None]] = {}
     for notice in sorted(notices, key=lambda n: is_note(n.code)):
-        name, colon, rest = notice.message.partition(": ")
-        of_log = bool(colon) and " " not in name
-        names = together.setdefault((notice.code, rest if of_log else notice.message), [])
-        names += [name] * of_log
-    for (code, message), names in together.items():
-        where = f"{listed(names, _NAMED)}: " if names else ""
-        word = "note" if is_note(code) else "warning"
-        tell_message(word, f"{where}{message}", code)
+        name, _, rest = notice.message.partition(" ")
+        together.setdefault((notice.code, rest), {})[name] = None
+    for (code, rest), names in together.items():
+        first = next(iter(names))
+        mark = first[-1] if first.endswith((":", ",")) else ""
+        named = listed([name.removesuffix(mark) for name in names], _NAMED)
+        tell_message("note" if is_note(code) else "warning", f"{named}{mark} {rest}", code)
 
 
 def tell_message(word: str, text: str, code: str = "") -> None:

@@ -99,6 +99,16 @@ def test_one_log_has_one_fit_percentage(here: Run, inside: Path) -> None:
         assert f"{document.fit.logs[0].fit_percent:.2f} %" in text
 
 
+def test_what_is_said_of_several_parameters_is_said_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rest = "cannot be determined from these data."
+    echo_notices([Notice("not-identified", f"breakaway_{side} {rest}") for side in ("up", "down")])
+    assert capsys.readouterr().err == (
+        f"warning (not-identified): breakaway_up, breakaway_down {rest}\n"
+    )
+
+
 def test_notes_are_no_warnings_and_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     said = [Notice("unit-assumed", f"{name}.csv: no unit was found.") for name in "abcde"]
     echo_notices([*said, Notice("poor-fit", "the model misses 1.5 of 2. Look at it.\nGive more.")])
