@@ -299,7 +299,7 @@ def test_save_refuses_to_overwrite(valve_design: Design, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        ({"criterion": "mass"}, "no such criterion"),
+        ({"criterion": "mass"}, "names the criterion 'mass'"),
         ({"amplitude": (2.0, 1.0)}, "the lower end is not below"),
         ({"duration": 0.05}, "samples"),
     ],

@@ -31,6 +31,7 @@ from .families import get_family
 from .files import shell_command
 from .logs import Log, LogLike, Reading, describe, open_logs
 from .logs.log import count_of
+from .logs.opening import check_keywords
 from .options import describe as describe_options
 from .parameter_table import Entry, entries_of, recorded_units
 from .parameters.document import LogSource, ParameterDocument, window_ends
@@ -212,11 +213,7 @@ def compare(
         )
     if True not in kinds:
         return compare_recordings(list(zip(names, open_logs(list(given), **reading))))
-    if unknown := next((name for name in reading if name not in Reading.__annotations__), None):
-        raise UsageError(
-            f"compare has no keyword '{unknown}'.",
-            expected=f"Expected one of {', '.join(Reading.__annotations__)}.",
-        )
+    check_keywords(reading)
     if said := next((name for name, value in reading.items() if value), None):
         option = f"--{_OPTIONS.get(said, said).replace('_', '-')}"
         raise UsageError(

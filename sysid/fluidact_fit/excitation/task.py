@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import NotIdentifiedError, UsageError
+from ..errors import NotIdentifiedError, UsageError, check_names
 from ..experiment import Experiment, FloatArray, Signal
 from ..families import get_family
 from ..family import Excitation, Family, FamilyOptions, Information, ParameterDocument
@@ -72,12 +72,8 @@ class Task:
                 remedy="Its warnings and refusals say which experiments it needs.",
             )
         _check_limits(self.limits)
-        if self.criterion not in ("worst", "determinant", *self.names):
-            raise UsageError(
-                f"--criterion={self.criterion}: there is no such criterion or parameter to "
-                "estimate.",
-                expected=f"One of worst, determinant, {', '.join(self.names)}.",
-            )
+        criteria = ("worst", "determinant", *self.names)
+        check_names("--criterion", "criterion", [self.criterion], criteria)
 
     @cached_property
     def family(self) -> Family[FamilyOptions]:

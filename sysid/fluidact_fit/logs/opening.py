@@ -103,7 +103,7 @@ def open_logs(
         said["sample_time"] = in_seconds("sample_time", said["sample_time"])
     if "window" in said:
         said["window"] = window_in_seconds(said["window"])
-    _check_names(said)
+    check_keywords(said)
     check_kinds(said)
     steps: Mapping[str, StepInput] = said.get("steps", {})
     if not any(texts.values()) and not any(":" in key for key in steps):
@@ -150,7 +150,7 @@ def window_in_seconds(window: Any) -> Any:
     return tuple(in_seconds("window", end) for end in window)
 
 
-def _check_names(said: Mapping[str, Any]) -> None:
+def check_keywords(said: Mapping[str, Any]) -> None:
     """Refuse keywords that do not exist (``UsageError``)."""
     for name in said:
         if name not in Reading.__annotations__:
