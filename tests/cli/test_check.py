@@ -172,7 +172,7 @@ def test_simulate_without_a_log(here: Run, fitted: Path) -> None:
         (["--input", "command=0:1"], "--duration"),
         (["--input", "comand=0:1", "--duration", "1", "--sample-time", "0.1"], "'command'"),
         (["--input", "command=0:1", "--duration", "1", "--sample-time", "1e-9"], "samples"),
-        (["--input", "time=0:1", "--duration", "1", "--sample-time", "0.1"], "--input command"),
+        (["--input", "time=0:1", "--duration", "1", "--sample-time", "0.1"], "one of command"),
         (["--input", "command=0:1@9", "--duration", "1", "--sample-time", "0.1"], "after the end"),
         (["raw.csv", "--input", "command=0:1"], "--step"),
     ],

@@ -63,7 +63,7 @@ def test_limits_reach_the_design(here: Run, params: Path, tmp_path: Path) -> Non
             "names the criterion 'mass', which does not exist here",
         ),
         (["valve", "--amplitude", "3:1"], 2, "not below"),
-        (["valve", "--amplitude", "-1:1 bar"], 2, "Expected a number in V"),
+        (["valve", "--amplitude", "-1:1 bar"], 2, "Give a number in V"),
         (["valve", "--rate", "-3"], 2, "above zero"),
         (["valve", "--duration", "0.01"], 2, "samples"),
     ],
