@@ -82,3 +82,12 @@ def test_a_failed_fit_is_loaded_only_when_accepted(trial: Any, tmp_path: Path) -
 
 def test_an_untouched_file_is_loaded(trial: Any) -> None:
     assert ff.load(trial.path).family == trial.family
+
+
+def test_a_covariance_that_was_removed_is_missed(trial: Any, tmp_path: Path) -> None:
+    """Machines drawn from such a file were all the same: a band of no width."""
+    if "covariance" not in trial.raw:
+        pytest.skip("the family gives no standard errors")
+    path = trial.edit(tmp_path / "a.yaml", lambda raw: raw.pop("covariance"))
+    with pytest.raises(ff.ParameterFileError, match="covariance: missing"):
+        ff.read_document(path)

@@ -39,6 +39,7 @@ _FIT_IT = (
 )
 _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
+_BY_COVARIANCE = ("wald", "wald-log", "profile")  # methods of intervals
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
 _LEAST = 1e-150  # an error whose square is no number any more
@@ -211,6 +212,8 @@ def _strange_offset(document: ParameterDocument, family: Described) -> Iterator[
 def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
     """Yield standard errors that are not the roots of the variances in the covariance."""
     if document.covariance is None:
+        if any(p.method in _BY_COVARIANCE for p in document.parameters.values()):
+            yield ("covariance",), "missing, and the standard errors come from it"
         return
     spread = dict(zip(document.covariance.order, np.sqrt(np.diag(document.covariance.matrix))))
     for name, entry in document.parameters.items():
