@@ -23,12 +23,13 @@ from fluidact_fit.control.plants.drive import (
     rigid_line,
 )
 from fluidact_fit.control.plants.force import ForcePlant
-from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
+from fluidact_fit.control.plants.hydraulic import HydraulicPlant
 from fluidact_fit.control.plants.linear import Chain, make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from fluidact_fit.families.transfer.block import TransferFunction
 from fluidact_fit.mechanics.friction_law import FrictionLaw
 from fluidact_fit.mechanics.hybrid import first_negative
+from fluidact_fit.mechanics.hydraulic_cylinder import GRAY_NAMES, Machine
 from fluidact_fit.mechanics.tissue import Tissue
 
 FORCE, PLACE = Port("force", "N"), Port("position", "m")
@@ -405,33 +406,39 @@ def test_friction_that_rises_at_low_speed_sets_the_steady_speed() -> None:
     assert plant.measure()["speed"] > 0.0
 
 
+CYLINDER = Machine(4.9e-4, 2.4e-4, 1.2e-4, 1.0e-4, 14.5, 5e6, 0.0)
+
+
 def hydraulic(coulomb: float = 0.0, viscous: float = 0.0) -> HydraulicPlant:
-    """A cylinder with flows proportional to the command, whatever the pressures."""
-    cylinder = HydraulicCylinder(
-        (4.9e-4, 2.4e-4), (1.2e-4, 1.0e-4), 14.5, 1e9, 5e6, 0.0,
-        FrictionLaw(coulomb, coulomb, viscous, viscous),
-        lambda chamber, u, p: (4.9e-4 if chamber == 1 else 2.4e-4) * 0.02 * u,
-    )  # fmt: skip
-    return HydraulicPlant(cylinder, Port("command", "V"), 0.005)
+    """A cylinder without losses in its lines."""
+    values = {
+        **dict.fromkeys(GRAY_NAMES, 0.0), "valve_gain_1": 6e-9, "valve_gain_2": 3e-9,
+        "bulk_modulus": 1e9, "coulomb": coulomb, "viscous": viscous,
+    }  # fmt: skip
+    return HydraulicPlant(CYLINDER, values, Port("command", "V"), 0.005)
 
 
 def test_hydraulic_cylinder_moves_as_the_oil_makes_it() -> None:
+    """Steady motion in closed form: pressures that the orifices leave, and viscous friction."""
     plant = hydraulic(viscous=600.0)
     plant.reset(0.01)
-    for _ in range(100):
+    for _ in range(400):
         plant.advance([1.0])
     seen = plant.measure()
-    assert seen["speed"] == pytest.approx(0.02, rel=1e-3)
-    # the oil gives way by the force of viscous friction, otherwise the piston takes its place
-    assert seen["position"] == pytest.approx(0.02, abs=2e-4)
+    (area_1, area_2), v = (CYLINDER.area(i) for i in (1, 2)), seen["speed"]
+    in_drop, out_drop = (area_1 * v / 6e-9) ** 2, (area_2 * v / 3e-9) ** 2
+    assert seen["pressure_1"] == pytest.approx(5e6 - in_drop, rel=1e-4)
+    assert seen["pressure_2"] == pytest.approx(out_drop, rel=1e-4)
+    assert (5e6 - in_drop) * area_1 - out_drop * area_2 == pytest.approx(600.0 * v, rel=1e-3)
+    assert v > 0.01
 
 
 def test_hydraulic_stick_slip_equals_smaller_steps() -> None:
     """With steps of a tenth, the same motion: events are solved for in both."""
     places = []
-    for factor in (1.0, 0.1):
+    for factor in (1, 10):
         plant = hydraulic(coulomb=300.0, viscous=600.0)
-        plant._step *= factor
+        plant.steps *= factor
         plant.reset(0.01)
         seen = []
         for k in range(60):
@@ -447,4 +454,4 @@ def test_hydraulic_piston_rests_within_its_friction() -> None:
     plant.reset(0.01)
     plant.advance([0.001])
     assert plant.measure()["position"] == 0.01
-    assert plant.measure()["pressure_1"] > plant.cylinder.rest()[0]
+    assert plant.measure()["pressure_1"] > CYLINDER.at_rest(0.01)[0]

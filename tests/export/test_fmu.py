@@ -234,7 +234,7 @@ def test_a_drive_honours_its_parameters(host: Callable[[str], Host]) -> None:
 
 def cylinder_of(span: float) -> HydraulicPlant:
     block = block_of("hydraulic-cylinder")
-    return HydraulicPlant(hydraulic_cylinder(block), block.input, span)
+    return HydraulicPlant(*hydraulic_cylinder(block), block.input, span)
 
 
 @pytest.mark.parametrize("span", [2.5e-3, 0.0173])
@@ -278,7 +278,7 @@ def test_the_friction_of_a_cylinder_falls_as_in_the_closed_loop(tmp_path: Path) 
     unit = Host(tmp_path, write(Job("cylinder", block))["cylinder.fmu"]).running(
         initial_position=0.05
     )
-    plant = HydraulicPlant(hydraulic_cylinder(block), block.input, 2.5e-3)
+    plant = HydraulicPlant(*hydraulic_cylinder(block), block.input, 2.5e-3)
     plant.reset(0.05)
     for value in np.repeat([1.0, 0.2, 0.0, -0.3, 0.0], 40).tolist():
         plant.advance((value,))

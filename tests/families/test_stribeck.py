@@ -27,12 +27,11 @@ from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from fluidact_fit.block import Port
-from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
+from fluidact_fit.control.plants.hydraulic import HydraulicPlant
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
-from fluidact_fit.mechanics.friction_law import FrictionLaw
-from fluidact_fit.mechanics.hydraulic_cylinder import Machine, chamber_flow
+from fluidact_fit.mechanics.hydraulic_cylinder import Machine
 from fluidact_fit.result import FitResult
 from fluidact_fit.routines import Machine as Interpreter
 
@@ -359,17 +358,9 @@ def test_a_closed_loop_follows_the_rise() -> None:
     """The plant of a controller against scipy's located events, the command held."""
     time, command = slow_and_fast(PLANT)
     due = by_events(PLANT, time, command)
-    values, given = PLANT.truth(), machine(PLANT)
-
-    def flow(chamber: int, u: float, p: float) -> float:
-        of = {**values, "valve_gain_2": values["valve_gain_1"]}
-        return float(chamber_flow(chamber, np.array(u), np.array(p), of, given))
-
-    cylinder = HydraulicCylinder(
-        (PLANT.area_1, PLANT.area_2), (PLANT.dead_volume_1, PLANT.dead_volume_2), PLANT.mass,
-        PLANT.bulk_modulus, PLANT.supply, PLANT.tank, FrictionLaw.of(values), flow,
-    )  # fmt: skip
-    plant = HydraulicPlant(cylinder, Port("command", "V"), 1e-3)
+    values = PLANT.truth()
+    values |= {"valve_gain_2": values["valve_gain_1"]}
+    plant = HydraulicPlant(machine(PLANT), values, Port("command", "V"), 1e-3)
     plant.reset(PLANT.middle)
     found = []
     for u in command[:250]:

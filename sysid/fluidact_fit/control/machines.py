@@ -13,6 +13,7 @@ from typing import Any
 from ..block import Block, Port
 from ..errors import UsageError
 from ..mechanics.friction_law import FrictionLaw
+from ..mechanics.hydraulic_cylinder import Machine
 from ..mechanics.tissue import Tissue
 from .controller_file import (
     ControllerFile,
@@ -38,7 +39,7 @@ from .parts import Parts, refuse, sort_parts, supplies_of
 from .plants.base import UNLIMITED, Limits, Plant
 from .plants.drive import Drive, DrivePlant, behind_screw, rigid_line
 from .plants.force import Branches, ForcePlant
-from .plants.hydraulic import HydraulicCylinder, HydraulicPlant
+from .plants.hydraulic import HydraulicPlant
 from .plants.linear import Chain, make_chain
 from .plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 
@@ -122,7 +123,7 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
         if file.tissue is not None:
             raise UsageError("the hydraulic cylinder knows no tissue", remedy="Leave it out.")
         return HydraulicPlant(
-            hydraulic_cylinder(oil), oil.input, file.sample_time, limits=_limits(oil)
+            *hydraulic_cylinder(oil), oil.input, file.sample_time, limits=_limits(oil)
         )
     if axis is None and line is None:
         raise refuse(file.kind)
@@ -149,25 +150,22 @@ def _limits(block: Block) -> Limits:
     return UNLIMITED if known is None else (known.low, known.high)
 
 
-def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
-    """The cylinder of a file that knows masses, volumes and both flows (``UsageError``)."""
-    given = block.document.options or {}
-    names = ("area-1", "area-2", "dead-volume-1", "dead-volume-2", "mass", "supply-pressure")
-    if any(given.get(n) is None for n in names) or "valve_gain_2" not in block.parameters:
+def hydraulic_cylinder(block: Any) -> tuple[Machine, dict[str, float]]:
+    """What is given of a cylinder and its parameters, where both flows and all volumes are known.
+
+    Raises
+    ------
+    UsageError
+        When the file does not say how the pressures come about.
+    """
+    machine: Machine = block.machine
+    if not (machine.complete and {"valve_gain_1", "valve_gain_2"} <= set(block.parameters)):
         raise UsageError(
             "the file of the hydraulic cylinder does not say how its pressures come about",
             remedy="Fit with --mass, --dead-volume-1 and --dead-volume-2 to logs that hold both "
             "pressures.",
         )
-    one, two, volume_1, volume_2, mass, supply = (float(given[n]) for n in names)
-    values = block.numbers()
-    law = FrictionLaw.of(values)
-    return HydraulicCylinder(
-        (one, two), (volume_1, volume_2), mass, values["bulk_modulus"], supply,
-        float(given.get("tank-pressure") or 0.0), law,
-        lambda chamber, u, p: float(block.flow(chamber, u, p)),
-        (values["dead_zone_negative"], values["dead_zone_positive"]),
-    )  # fmt: skip
+    return machine, block.numbers()
 
 
 def _pneumatic_plant(file: ControllerFile, parts: Parts) -> Plant:

@@ -109,6 +109,18 @@ def motion(
     return ca.Function("sample", [now, held, p], [after]).mapaccum("samples", samples)
 
 
+def linearised(
+    system: CoupledSystem, x: FloatArray, u: float, p: FloatArray, way: int
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the rates by the states and by the input, ``(n, n)`` and ``(n,)``."""
+    import casadi as ca
+
+    step = _Step(system, None)
+    slopes = ca.jacobian(step.rate, ca.vertcat(step.x, step.u))
+    both = ca.Function("slopes", [step.x, step.u, step.p, step.way], [slopes])(x, u, p, way)
+    return np.asarray(both)[:, :-1], np.asarray(both)[:, -1]
+
+
 class _Step:
     """One Runge-Kutta step and what it is made of, as CasADi functions."""
 

@@ -103,15 +103,6 @@ class FrictionLaw:
             return self.breakaway_positive - self.coulomb_positive
         return self.breakaway_negative - self.coulomb_negative
 
-    def sliding(self, way: int, velocity: float) -> float:
-        """Friction against a motion in a direction, 1 or -1, at some velocity: a magnitude."""
-        forward = way > 0
-        level = self.coulomb_positive if forward else self.coulomb_negative
-        viscous = self.viscous_positive if forward else self.viscous_negative
-        if self.stribeck_speed > 0.0:
-            level += self.rise(way) * math.exp(-((velocity / self.stribeck_speed) ** 2))
-        return level + viscous * way * velocity
-
     @property
     def curved(self) -> bool:
         """Return whether friction in motion falls with the speed."""

@@ -22,16 +22,19 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 
-from ..estimation.inputs import beyond_dead_zone
+from .. import routines
 from ..estimation.named_model import Values
 from ..estimation.stribeck import EXPONENT, STRIBECK
-from ..experiment import Array, BoolArray, FloatArray
+from ..experiment import Array, FloatArray
 from .coupled import CoupledSystem
+from .friction_law import FrictionLaw
 
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 GRAY_NAMES = (
@@ -46,7 +49,34 @@ SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 
 _GIVEN = ("area_1", "area_2", "dead_volume_1", "dead_volume_2", "mass", "supply", "tank")
 _ATMOSPHERE = 1e5  # Pa
-_ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
+_ROUND = 1e4  # Pa: without loss the root of an orifice has an infinite slope at zero drop
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """Kind of numbers that the flows are written in.
+
+    Attributes
+    ----------
+    choose
+        ``choose(of, yes, no)`` is ``yes`` where ``of`` is not negative, otherwise ``no``.
+    sqrt
+        Square root.
+    rounding
+        Pressure drop below which the root of an orifice is rounded off [Pa].
+    """
+
+    choose: Callable[[Any, Any, Any], Any]
+    sqrt: Callable[[Any], Any]
+    rounding: float
+
+
+ARRAYS = Arithmetic(lambda of, yes, no: np.where(np.real(of) >= 0.0, yes, no), np.sqrt, 1e-9)
+"""Real arrays, or complex ones whose imaginary parts carry derivatives."""
+ROUTINES = Arithmetic(
+    lambda of, yes, no: routines.choose(of, ">=", 0.0, yes, no), routines.sqrt, _ROUND
+)
+"""Expressions of a routine, which give what :data:`SYSTEM` gives."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +120,28 @@ class Machine:
         volume = self.volume(chamber, position)
         return -0.5 * SIGN[chamber] * (volume[1:] + volume[:-1]) * np.diff(pressure)
 
-    def pressure_drop(self, chamber: int, extending: BoolArray, pressure: Array | float) -> Array:
-        """Drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
-        fed = extending if chamber == 1 else ~extending
-        return np.asarray(np.where(fed, self.supply - pressure, pressure - self.tank))
+    def pressure_drop(
+        self, chamber: int, command: Any, pressure: Any, kind: Arithmetic = ARRAYS
+    ) -> Any:
+        """Drop [Pa] over the open edge: a command that is not negative feeds chamber 1, else 2."""
+        fed, drained = self.supply - pressure, pressure - self.tank
+        return kind.choose(command, *((fed, drained) if chamber == 1 else (drained, fed)))
+
+    def stiffness(self, position: float) -> float:
+        """Stiffness of the oil in both closed chambers, per bulk modulus [m]."""
+        place = np.array(position)
+        return sum(self.area(i) ** 2 / float(self.volume(i, place)) for i in (1, 2))
+
+    def step_rate(self, values: Values) -> float:
+        """Runge-Kutta steps per second that follow the motion.
+
+        40 in the oil's own period, the piston between both chambers at position 0, 2 in the time
+        in which a speed grows ``e``-fold where friction falls with it, and 1 in that in which
+        viscous friction stops it.
+        """
+        mass, fall = self.mass or 1.0, FrictionLaw.of(values).fall
+        oil = sqrt(values["bulk_modulus"] * self.stiffness(0.0) / mass) / (2.0 * pi)
+        return max(40.0 * oil, 2.0 * fall / mass, values["viscous"] / mass)
 
     @property
     def complete(self) -> bool:
@@ -114,7 +162,7 @@ class Machine:
         return np.array([share * area_2, share * area_1, position, 0.0])
 
 
-def orifice_flow(command: Array, drop: Array, gain: complex, loss: Array | complex) -> Array:
+def orifice_flow(command: Any, drop: Any, gain: Any, loss: Any, kind: Arithmetic = ARRAYS) -> Any:
     """Flow through an orifice in series with a line, with the sign of the command [m3/s].
 
     ``Q = K u sqrt(drop - r |Q|)`` holds the flow on both sides. With ``k = K |u|`` its
@@ -128,28 +176,30 @@ def orifice_flow(command: Array, drop: Array, gain: complex, loss: Array | compl
         is negative.
     gain, loss
         ``K`` [m3/(s V Pa^0.5)] and ``r`` [Pa s/m3].
+    kind
+        Of all these numbers.
     """
-    sign = np.where(np.real(command) >= 0.0, 1.0, -1.0)
-    k = gain * command * sign
-    size = np.where(np.real(drop) >= 0.0, drop, -drop) + 1e-9
-    root = np.sqrt((k * loss) ** 2 + 4.0 * size)
-    return np.asarray(sign * 2.0 * k * drop / (k * loss + root))
+    k = gain * kind.choose(command, command, -command)
+    size = kind.sqrt(drop * drop + kind.rounding**2)
+    flow = 2.0 * k * drop / (k * loss + kind.sqrt(k * loss * (k * loss) + 4.0 * size))
+    return kind.choose(command, flow, -flow)
 
 
 def chamber_flow(
-    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
-) -> Array:
+    chamber: int, command: Any, pressure: Any, values: Values, machine: Machine,
+    kind: Arithmetic = ARRAYS,
+) -> Any:  # fmt: skip
     """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4 [m3/s].
 
     Positive while the piston extends. ``command`` [V] and ``pressure`` [Pa] have the shape
-    ``(n,)``; ``values`` holds valve gain, the two losses of the chamber and the dead zone.
+    ``(n,)``, or are numbers of another ``kind``; ``values`` holds valve gain, the two losses of the
+    chamber and the dead zone.
     """
-    beyond = beyond_dead_zone(command, values["dead_zone_negative"], values["dead_zone_positive"])
-    extending = np.real(beyond) >= 0.0
-    drop = machine.pressure_drop(chamber, extending, pressure)
-    forward, backward = LOSSES[chamber]
-    loss = np.asarray(np.where(extending, values[forward], values[backward]))
-    return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss)
+    above, below = (command - values[edge] for edge in reversed(EDGES))
+    beyond = kind.choose(above, above, 0.0) + kind.choose(-below, below, 0.0)
+    drop = machine.pressure_drop(chamber, beyond, pressure, kind)
+    loss = kind.choose(beyond, *(values[name] for name in LOSSES[chamber]))
+    return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss, kind)
 
 
 def parameter_vector(values: Values, machine: Machine) -> FloatArray:
@@ -181,18 +231,8 @@ def _rates(x: Any, u: Any, p: Any, way: Any) -> list[Any]:
     import casadi as ca
 
     v = _named(p)
-    beyond = ca.fmax(u - v["dead_zone_positive"], 0.0) + ca.fmin(u - v["dead_zone_negative"], 0.0)
-    extending = beyond >= 0.0
-    sign = ca.if_else(extending, 1.0, -1.0)
-
-    def flow(chamber: int, pressure: Any) -> Any:
-        drops = v["supply"] - pressure, pressure - v["tank"]
-        drop = ca.if_else(extending, *(drops if chamber == 1 else reversed(drops)))
-        loss = ca.if_else(extending, *(v[name] for name in LOSSES[chamber]))
-        k = v[f"valve_gain_{chamber}"] * beyond * sign
-        # without loss the root has an infinite slope at zero drop: rounded off below 0.1 bar
-        size = ca.sqrt(drop * drop + _ROUND**2)
-        return sign * 2.0 * k * drop / (k * loss + ca.sqrt((k * loss) ** 2 + 4.0 * size))
+    machine = Machine(*(v[name] for name in _GIVEN))
+    symbols = Arithmetic(lambda of, yes, no: ca.if_else(of >= 0.0, yes, no), ca.sqrt, _ROUND)
 
     def stiffness(pressure: Any) -> Any:
         dense = (ca.fmax(pressure, 0.0) + _ATMOSPHERE) ** 2 / _ATMOSPHERE
@@ -200,14 +240,13 @@ def _rates(x: Any, u: Any, p: Any, way: Any) -> list[Any]:
 
     p1, p2, y, speed = (x[k] for k in range(4))
     leak = v[LEAKAGE] * (p1 - p2)
-    volume_1 = v["dead_volume_1"] + v["area_1"] * y
-    volume_2 = v["dead_volume_2"] - v["area_2"] * y
+    flow = [chamber_flow(i, u, x[i - 1], v, machine, symbols) for i in (1, 2)]
     slow = ca.fabs(speed) / v["stribeck_speed"]
     level = v["coulomb"] + v["stribeck"] * ca.exp(-(slow ** v[EXPONENT]))
     slipping = (_push(x, p) - v["viscous"] * speed - level * way) / v["mass"]
     return [
-        stiffness(p1) / volume_1 * (flow(1, p1) - leak - v["area_1"] * speed),
-        -stiffness(p2) / volume_2 * (flow(2, p2) - leak - v["area_2"] * speed),
+        stiffness(p1) / machine.volume(1, y) * (flow[0] - leak - v["area_1"] * speed),
+        -stiffness(p2) / machine.volume(2, y) * (flow[1] - leak - v["area_2"] * speed),
         speed,
         ca.if_else(way == 0.0, 0.0, slipping),
     ]

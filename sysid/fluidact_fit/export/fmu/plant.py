@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 
 from ...block import Block, DryDriveBlock, FlowBlock, LinearBlock, LinearModel, Port
 from ...control.machines import hydraulic_cylinder
-from ...control.plants.hydraulic import HydraulicCylinder
 from ...errors import UsageError
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hydraulic_cylinder import Machine
 from ...routines import Argument
 from ..c.language import DOUBLE
 from ..c.writer import Writer
@@ -151,7 +153,7 @@ def _drive_settings(block: DryDriveBlock, argument: Argument) -> list[Setting]:
 def _add_cylinder(model: Model, block: FlowBlock, name: str) -> None:
     """The cylinder between its valve and its load; of a file without volumes only the maps."""
     try:
-        cylinder, flows = hydraulic_cylinder(block), block.plant_flows()
+        (machine, values), flows = hydraulic_cylinder(block), block.plant_flows()
     except UsageError:
         return
     argument, drive = _driven(model, block)
@@ -162,7 +164,7 @@ def _add_cylinder(model: Model, block: FlowBlock, name: str) -> None:
         model.outputs.append(Result(port.role, port.unit, about))
     start = model.parameter(Setting("initial_position", "m", "at rest before the start", 0.0))
     model.constants += [table("hydraulic_range", (argument.low, argument.high))]
-    model.constants += _cylinder_constants(cylinder)
+    model.constants += _cylinder_constants(machine, values)
     for number_of, flow in enumerate(flows, 1):
         writer = Writer(flow, name, DOUBLE)
         model.constants += [
@@ -186,19 +188,20 @@ def _add_cylinder(model: Model, block: FlowBlock, name: str) -> None:
     ]
 
 
-def _cylinder_constants(c: HydraulicCylinder) -> list[str]:
-    law = c.friction
+def _cylinder_constants(m: Machine, values: Mapping[str, float]) -> list[str]:
+    law, places = FrictionLaw.of(values), (1, 2)
     pairs = {
-        "area": c.area, "volume": c.volume, "rest": c.rest(),
+        "area": [m.area(i) for i in places], "volume": [m.dead_volume(i) or 0.0 for i in places],
+        "rest": m.at_rest(0.0).tolist()[:2],
         "viscous": (law.viscous_negative, law.viscous_positive),
         "coulomb": (law.coulomb_negative, law.coulomb_positive),
         "breakaway": (law.breakaway_negative, law.breakaway_positive),
         "rise": (law.rise(-1.0), law.rise(1.0)),
     }  # fmt: skip
-    # where nothing rises, any speed says so
-    speed = law.stribeck_speed if law.curved else 1.0
     single = {
-        "mass": c.mass, "bulk_modulus": c.bulk_modulus, "rate": c.rate, "rise_speed": speed,
+        "mass": m.mass or 0.0, "bulk_modulus": values["bulk_modulus"], "rate": m.step_rate(values),
+        # where nothing rises, any speed says so
+        "rise_speed": law.stribeck_speed if law.curved else 1.0,
     }  # fmt: skip
     return [
         *(table(f"hydraulic_{name}", pair) for name, pair in pairs.items()),

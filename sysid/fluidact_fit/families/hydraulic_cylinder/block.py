@@ -20,7 +20,7 @@ from ...estimation.named_model import Values
 from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, FloatArray
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, Machine, chamber_flow
+from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, ROUTINES, Machine, chamber_flow
 from ...routines import (
     Argument,
     Draft,
@@ -40,6 +40,7 @@ from .simulation import simulate_run
 
 _FAR = 100.0  # supply pressures: nothing that oil does goes as far
 _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed
+_ABOUT = {1: "Flow into chamber 1.", 2: "Flow out of chamber 2."}
 _ROLES = ("command", "pressure_1", "pressure_2")
 
 
@@ -55,7 +56,8 @@ class HydraulicBlock(FlowBlock):
         return known_chambers(self.parameters)
 
     @cached_property
-    def _machine(self) -> Machine:
+    def machine(self) -> Machine:
+        """What is given of the machine (``UsageError`` where the file lacks what it needs)."""
         return read_machine(self._options, self._known)
 
     @property
@@ -103,7 +105,7 @@ class HydraulicBlock(FlowBlock):
         if network:
             net = self._network(f"flow_{chamber}", "flow")
             return net(np.column_stack((u.ravel(), p.ravel()))).reshape(u.shape)
-        return chamber_flow(chamber, u, p, self.parameters, self._machine)
+        return chamber_flow(chamber, u, p, self.parameters, self.machine)
 
     def friction(self, velocity: npt.ArrayLike, *, network: bool = False) -> FloatArray:
         """Friction of the moving piston [N] at velocities [m/s]: of the law, or of the network."""
@@ -120,7 +122,7 @@ class HydraulicBlock(FlowBlock):
         """
         chamber = _feeding(self._known, command >= 0.0)
         pressure = (pressure_1, pressure_2)[chamber - 1]
-        return float(self.flow(chamber, command, pressure)) / self._machine.area(chamber)
+        return float(self.flow(chamber, command, pressure)) / self.machine.area(chamber)
 
     def command_for(
         self, velocity: float, pressure_1: float = 0.0, pressure_2: float = 0.0
@@ -132,9 +134,9 @@ class HydraulicBlock(FlowBlock):
         if velocity == 0.0:
             return 0.0
         way, sign = (0, 1.0) if velocity > 0.0 else (1, -1.0)
-        chamber, m = _feeding(self._known, velocity > 0.0), self._machine
+        chamber, m = _feeding(self._known, velocity > 0.0), self.machine
         pressure = (pressure_1, pressure_2)[chamber - 1]
-        drop = float(m.pressure_drop(chamber, np.array(velocity > 0.0), pressure))
+        drop = float(m.pressure_drop(chamber, velocity, pressure))
         v, flow = self._values, abs(velocity) * m.area(chamber)
         rest = drop - v[LOSSES[chamber][way]] * flow
         if rest <= 0.0:
@@ -161,13 +163,17 @@ class HydraulicBlock(FlowBlock):
 
     def plant_flows(self) -> tuple[Routine, Routine]:
         """Flows of both chambers at any pressure; see :meth:`.FlowBlock.plant_flows`."""
-        far, u, found = _FAR * self._machine.supply, self.argument("command", "of the valve"), []
+        far, u, found = _FAR * self.machine.supply, self.argument("command", "of the valve"), []
         for i in (1, 2):
             self._check_chamber(i)
         for i in (1, 2):
-            name = f"pressure_{i}"
-            p = Argument(name, "Pa", "of the chamber", -far, far, recorded=False)
-            found.append(replace(self._flow(i, u, p), name=f"plant_flow_{i}"))
+            draft = Draft(f"plant_flow_{i}", _ABOUT[i], "m3/s")
+            pressure = Argument(
+                f"pressure_{i}", "Pa", "of the chamber", -far, far, recorded=False
+            )  # fmt: skip
+            of = draft.argument(u), draft.argument(pressure)
+            flow = chamber_flow(i, *of, self._values, self.machine, ROUTINES)
+            found.append(draft.returns(flow))
         return found[0], found[1]
 
     def predict(self, experiment: Experiment) -> FloatArray:
@@ -186,7 +192,7 @@ class HydraulicBlock(FlowBlock):
         self, chamber: int, p: Expression, reach: Argument, extending: bool
     ) -> tuple[Expression, bool]:
         """Pressure over valve and line, and whether the range of pressures turns it."""
-        m = self._machine
+        m = self.machine
         if (chamber == 1) == extending:
             return constant("supply", m.supply) - p, m.supply < reach.high
         return p - constant("tank", m.tank), reach.low < m.tank
@@ -207,8 +213,7 @@ class HydraulicBlock(FlowBlock):
         return k * flow
 
     def _flow(self, chamber: int, command: Argument, pressure: Argument) -> Routine:
-        about = "Flow into chamber 1." if chamber == 1 else "Flow out of chamber 2."
-        draft = Draft(f"flow_{chamber}", about, "m3/s")
+        draft = Draft(f"flow_{chamber}", _ABOUT[chamber], "m3/s")
         u, p = draft.argument(command), draft.argument(pressure)
         ways = (self._one_way(chamber, u, p, pressure, way) for way in (True, False))
         there, back = (
@@ -223,14 +228,14 @@ class HydraulicBlock(FlowBlock):
         for extending in (True, False):
             i = _feeding([*pressures], extending)
             flow = self._one_way(i, u, p[i], pressures[i], extending)
-            ways.append(flow * constant(f"per_area_{i}", 1.0 / self._machine.area(i)))
+            ways.append(flow * constant(f"per_area_{i}", 1.0 / self.machine.area(i)))
         return draft.returns(ways[0] - ways[1])
 
     def _fastest(self, chamber: int, u: Argument, p: Argument, extending: bool) -> float:
         """Speed at the end of the command's range, at the pressure that gives most."""
         command, ends = np.full(2, u.high if extending else u.low), np.array([p.low, p.high])
-        flow = chamber_flow(chamber, command, ends, self.parameters, self._machine)
-        return float(np.abs(flow).max()) / self._machine.area(chamber)
+        flow = chamber_flow(chamber, command, ends, self.parameters, self.machine)
+        return float(np.abs(flow).max()) / self.machine.area(chamber)
 
     def _command(self, u: Argument, pressures: Mapping[int, Argument]) -> Routine:
         """Inverse of the speed; it ends at the range of the command and tells of that."""
@@ -242,7 +247,7 @@ class HydraulicBlock(FlowBlock):
         )
         p, found = {i: draft.argument(x) for i, x in pressures.items()}, {}
         for way, i in feeding.items():
-            v, m = self._values, self._machine
+            v, m = self._values, self.machine
             name, sign = ("forward", 1.0) if way else ("backward", -1.0)
             area = constant(f"area_{i}", m.area(i))
             flow = draft.let(f"flow_{name}", maximum(speed * sign, 0.0) * area)

@@ -120,9 +120,7 @@ class GrayBox:
         """
         step = max(float(np.max(log.step)) for log in logs)
         mass, middle = machine.mass or 1.0, np.mean([log.guess[:, 2].mean() for log in logs])
-        stiffness = _STIFF * sum(
-            machine.area(i) ** 2 / float(machine.volume(i, middle)) for i in (1, 2)
-        )
+        stiffness = _STIFF * machine.stiffness(float(middle))
         # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
         rates = viscous / mass / 2.0, fall / mass / _FALL, np.sqrt(stiffness / mass) / _ANGLE
         needed = step * max(1.0 / _LONGEST, *rates)

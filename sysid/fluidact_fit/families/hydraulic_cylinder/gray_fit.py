@@ -276,8 +276,7 @@ def _friction_sizes(setup: Setup) -> dict[str, float]:
 
 def resonance(values: Mapping[str, Any], options: HydraulicCylinderOptions) -> dict[str, Any]:
     """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
-    m, middle = read_machine(options, (1, 2)), np.array(options.rest_position or 0.0)
-    mass = m.mass or 1.0
-    compliance = sum(m.area(i) ** 2 / float(m.volume(i, middle)) for i in (1, 2))
-    omega = np.sqrt(values["bulk_modulus"] * compliance / mass)
+    m = read_machine(options, (1, 2))
+    mass, stiffness = m.mass or 1.0, m.stiffness(options.rest_position or 0.0)
+    omega = np.sqrt(values["bulk_modulus"] * stiffness / mass)
     return {"natural_frequency": omega, "damping_ratio": values["viscous"] / (2.0 * mass * omega)}

@@ -151,7 +151,7 @@ def _usable(w: Windows) -> BoolArray:
     """Windows with a pressure drop at the valve; of a chamber of unknown volume steady ones."""
     machine, rows = w.machine, w.first[:, None] + np.arange(w.samples)
     pressure = w.pressure[rows].mean(axis=1)
-    drop = machine.pressure_drop(w.chamber, w.mean_command >= 0.0, pressure)
+    drop = machine.pressure_drop(w.chamber, w.mean_command, pressure)
     kept = drop > _LEAST_DROP * (machine.supply - machine.tank)
     return kept & _steady(w, pressure) if machine.dead_volume(w.chamber) is None else kept
 
