@@ -18,7 +18,7 @@ from attack_finder import find_attack
 from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
-from fluidact_fit.errors import LogError, NotIdentifiedError
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.transfer_model import AT_REST
 from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
@@ -192,6 +192,14 @@ def test_inverse(command: float, direction: int) -> None:
     speed = block(command, direction)
     if float(speed) > 1e-6:
         assert float(block.inverse(speed, direction)) == pytest.approx(command, rel=1e-6)
+
+
+def test_a_dead_time_of_more_samples_than_can_be_kept_is_refused() -> None:
+    """It was taken, and a queue of 30 million commands with it."""
+    block = loaded().with_sample_time(1e-9)
+    block.parameters._values["dead_time"] = 0.03
+    with pytest.raises(UsageError, match="samples is more than"):
+        block.step(1.0)
 
 
 @pytest.mark.parametrize(("dead_time", "period"), [(0.0, 0.02), (0.03, 0.02), (0.0371, 0.01)])

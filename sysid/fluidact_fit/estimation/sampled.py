@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor
@@ -35,6 +36,37 @@ class Sampled:
         drive = at ** -float(self.whole) * (self.new + self.old / at)
         matrix = at[..., None] * np.eye(self.new.size) - self.phi
         return np.asarray(np.linalg.solve(matrix, drive[..., None])[..., 0] @ self.output)
+
+
+class Stepper:
+    """A sampled model that takes its commands one by one.
+
+    Parameters
+    ----------
+    model
+    state : (n,)
+        To begin with.
+    command
+        Held until now.
+
+    Raises
+    ------
+    UsageError
+        When the dead time spans more samples than a controller can store.
+    """
+
+    def __init__(self, model: Sampled, state: FloatArray, command: float = 0.0) -> None:
+        _refuse_long(model)
+        self._model, self._state = model, state
+        self._sent = deque([command] * (model.whole + 1))
+
+    def step(self, command: float) -> float:
+        """Take the command of this sample and return the output at the same instant."""
+        model, now = self._model, self._state
+        self._sent.append(command)
+        old, new = self._sent.popleft(), self._sent[0]
+        self._state = model.phi @ now + model.old * old + model.new * new
+        return float(model.output @ now)
 
 
 def sample(
@@ -122,13 +154,8 @@ def discretise(
     UsageError
         When the dead time spans more samples than a controller can store.
     """
-    if dead_time > _LONGEST * sample_time:
-        raise UsageError(
-            f"a dead time of {dead_time:g} s is more than {_LONGEST} samples of {sample_time:g} s",
-            expected="A difference equation stores every sample of its dead time.",
-            remedy="Correct the dead time, or give a longer --controller-sample-time.",
-        )
     model = sample(*companion(numerator, denominator), dead_time, sample_time)
+    _refuse_long(model)
     den = np.real(np.poly(model.phi))
     state = model.new
     response = [0.0] * (model.whole + 1)
@@ -145,3 +172,13 @@ def discretise(
         "numerator": np.append(num, np.zeros(length - num.size)).tolist(),
         "denominator": np.append(den, np.zeros(length - den.size)).tolist(),
     }
+
+
+def _refuse_long(model: Sampled) -> None:
+    """Refuse a dead time that a controller cannot store (``UsageError``)."""
+    if model.whole > _LONGEST:
+        raise UsageError(
+            f"a dead time of {model.whole} samples is more than {_LONGEST}",
+            expected="A difference equation stores every sample of its dead time.",
+            remedy="Correct the dead time, or give a longer --controller-sample-time.",
+        )

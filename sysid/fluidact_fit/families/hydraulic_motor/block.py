@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...block import Block, LinearBlock, LinearModel
-from ...estimation.sampled import Sampled, difference_equation, sample
+from ...estimation.sampled import Sampled, Stepper, difference_equation, sample
 from ...estimation.transfer_model import AT_REST
 from ...experiment import Experiment, FloatArray
 from ...routines import Routine
@@ -101,7 +100,7 @@ class MotorBlock(MotorCurve, LinearBlock):
 
     def _begin(self) -> None:
         self._rest: tuple[float | None, float | None] = None, None
-        self._state: FloatArray | None = None
+        self._lag: Stepper | None = None  # nothing has been put in yet
 
     def linear_model(self) -> LinearModel:
         """Lag and dead time, behind the play and the static curve."""
@@ -130,18 +129,17 @@ class MotorBlock(MotorCurve, LinearBlock):
             Output to begin with [its unit, offset included]; when left out that which the command
             gives in the long run, 0 for an angle or a position.
         """
-        self._rest = input, output
-        self._state = None  # nothing has been put in yet
+        self._rest, self._lag = (input, output), None
 
-    def _start(self) -> FloatArray:
-        """Take up the rest that was asked for; returns the state there."""
+    def _start(self) -> Stepper:
+        """Take up the rest that was asked for."""
         command, output = self._rest
         self._spool = self.centre if command is None else float(command)
-        steady, self._lag = float(self(self._spool)), self._sampled()
-        self._on_their_way = deque([steady] * (self._lag.whole + 1))
+        steady = float(self(self._spool))
+        begin = [steady, 0.0 if output is None else float(output)]
         if self._gives_speed:
-            return np.array([steady if output is None else float(output) - self.offset])
-        return np.array([steady, 0.0 if output is None else float(output)])
+            begin = [steady if output is None else float(output) - self.offset]
+        return Stepper(self._sampled(), np.array(begin), steady)
 
     @property
     def _zero(self) -> float:
@@ -150,13 +148,10 @@ class MotorBlock(MotorCurve, LinearBlock):
 
     def _step(self, value: float) -> float:
         """Play and curve act on the command, then dead time and lag."""
-        now = self._start() if self._state is None else self._state
-        half, lagging = 0.5 * self.numbers()["hysteresis"], self._lag
+        self._lag = self._lag or self._start()
+        half = 0.5 * self.numbers()["hysteresis"]
         self._spool = min(max(self._spool, value - half), value + half)
-        self._on_their_way.append(float(self(self._spool)))
-        before, newest = self._on_their_way.popleft(), self._on_their_way[0]
-        self._state = lagging.phi @ now + lagging.old * before + lagging.new * newest
-        return float(lagging.output @ now) + self._zero
+        return self._lag.step(float(self(self._spool))) + self._zero
 
     def routines(self) -> Sequence[Routine]:
         """One step of the motion; steady speed for a known direction, and its inverse."""

@@ -14,7 +14,7 @@ from ...block import LinearBlock, LinearModel, SampleSimulator
 from ...errors import UsageError
 from ...estimation.inputs import apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.sampled import difference_equation, discretise, sample
+from ...estimation.sampled import Sampled, Stepper, difference_equation, discretise, sample
 from ...estimation.transfer_model import EDGES, input_level, state_space
 from ...experiment import Experiment, FloatArray, Hold, Signal
 from ...parameters.document import ParameterDocument
@@ -56,8 +56,7 @@ class TransferBlock(LinearBlock, SampleSimulator):
         self._law = law
 
     def _begin(self) -> None:
-        self._level = self._start = 0.0
-        self._state: list[float] | None = None  # at rest, nothing having been put in yet
+        self._stepper: Stepper | None = None  # nothing has been put in yet
 
     @cached_property
     def _linear(self) -> TransferFunction:
@@ -79,6 +78,12 @@ class TransferBlock(LinearBlock, SampleSimulator):
         """Return the model in state space, in a time scale of its own."""
         f = self._linear
         return LinearModel(*f.state_space(), f.dead_time, self.dead_zone, f.gain)
+
+    def _sampled(self) -> Sampled:
+        """Return the discrete model in state space."""
+        self._need_sample_time("discrete model")
+        f = self._linear
+        return sample(*f.state_space(), f.dead_time, self.sample_time)
 
     def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
@@ -167,9 +172,9 @@ class TransferBlock(LinearBlock, SampleSimulator):
             Output at rest [unit of the output]; what the input gives in the long run, with
             the :attr:`offset`, when left out; 0 for an integrating model.
         """
-        self._difference = self.difference_equation()
+        model = self._sampled()
         self._level, self._start = self._rest(input, output)
-        self._state = [0.0] * max(len(self._difference[0]) - 1, 1)
+        self._stepper = Stepper(model, np.zeros(model.new.size))
 
     def _rest(self, input: float, output: float | None) -> tuple[float, float]:
         """Input and output about which the linear model moves."""
@@ -180,19 +185,11 @@ class TransferBlock(LinearBlock, SampleSimulator):
         return level, gain * level + self.offset if output is None else output
 
     def _step(self, value: float) -> float:
-        """Take one step of the difference equation."""
-        if self._state is None:
+        """Take one step of the discrete model."""
+        if self._stepper is None:
             self.reset()
-        num, den = self._difference
-        state = self._state or [0.0]
-        u = self.actuate(value) - self._level
-        y = num[0] * u + state[0]
-        last = len(state) - 1
-        for i in range(last):  # direct form II transposed
-            state[i] = num[i + 1] * u - den[i + 1] * y + state[i + 1]
-        if len(num) > 1:
-            state[last] = num[last + 1] * u - den[last + 1] * y
-        return y + self._start
+        assert self._stepper is not None
+        return self._stepper.step(self.actuate(value) - self._level) + self._start
 
     def simulate_samples(
         self,
@@ -225,11 +222,10 @@ class TransferBlock(LinearBlock, SampleSimulator):
         """One step of the model, and the inverse of its dead zone where it has one."""
         from .routines import dead_zone_routine, step_routine
 
-        self._need_sample_time("discrete model")
-        input, output, f = self._port(self.variant.driving[0]), self.output, self._linear
-        law = difference_equation(sample(*f.state_space(), f.dead_time, self.sample_time))
+        input, output = self._port(self.variant.driving[0]), self.output
         argument = self.argument(input.role, "input of this sample")
-        result = (output.role, output.unit, 0.0 if f.gain is None else self.offset)
+        result = output.role, output.unit, 0.0 if self._linear.gain is None else self.offset
+        law = difference_equation(self._sampled())
         step = step_routine(argument, self.dead_zone, law, result, self.sample_time)
         if self.dead_zone is None:
             return [step]
