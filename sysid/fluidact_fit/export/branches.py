@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..routines.expression import Choose, Expression, parts_of
+from ..routines.expression import Choose, Expression, walk
 
 
 @dataclass(frozen=True)
@@ -63,4 +63,4 @@ class Branches(ABC):
 
 def has_choice(e: Expression) -> bool:
     """Return whether a choice stands anywhere in an expression."""
-    return isinstance(e, Choose) or any(map(has_choice, parts_of(e)))
+    return any(isinstance(part, Choose) for part in walk(e))

@@ -6,7 +6,7 @@ is no ``tanh`` and no ``expm1``: IEC 61131-3 has neither, and small C libraries 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -126,6 +126,13 @@ def parts_of(e: Expression) -> tuple[Expression, ...]:
         case Choose():
             return e.a, e.b, e.yes, e.no
     return ()
+
+
+def walk(e: Expression) -> Iterator[Expression]:
+    """Yield an expression and everything in it; names are not followed."""
+    yield e
+    for part in parts_of(e):
+        yield from walk(part)
 
 
 def with_parts(e: Expression, change: Callable[[Expression], Expression]) -> Expression:

@@ -16,6 +16,7 @@ from .expression import (
     Number,
     Unary,
     parts_of,
+    walk,
     with_parts,
 )
 from .simplify import change_statement
@@ -26,7 +27,6 @@ _WORDS = {
     "max": "upper", "sqrt": "root", "exp": "power", "log": "logarithm", "abs": "size",
     "neg": "opposite",
 }  # fmt: skip
-_PARTIAL = ("sqrt", "exp", "log", "/")  # of which some numbers have no result
 _RESULT = "result of a routine"  # no identifier, so that no other name is like it
 
 
@@ -149,13 +149,16 @@ def _named(let: Let, e: Expression) -> Expression:
 
 
 def _is_partial(e: Expression) -> bool:
-    divides = isinstance(e, Binary) and e.function == "/" and not isinstance(e.b, Number)
-    own = divides or (isinstance(e, Unary) and e.function in _PARTIAL)
-    return own or any(map(_is_partial, parts_of(e)))
+    """Return whether some numbers have no result."""
+    return any(
+        part.function in ("sqrt", "exp", "log") if isinstance(part, Unary)
+        else isinstance(part, Binary) and part.function == "/" and not isinstance(part.b, Number)
+        for part in walk(e)
+    )  # fmt: skip
 
 
 def _size(e: Expression) -> int:
-    return 1 + sum(map(_size, parts_of(e)))
+    return sum(1 for _ in walk(e))
 
 
 def word_of(e: Expression) -> str:
@@ -199,5 +202,4 @@ def _searched(s: Solve, taken: set[str]) -> tuple[list[Let], Solve]:
 
 
 def _names(e: Expression) -> set[str]:
-    own = {e.name} if isinstance(e, Name | Item) else set()
-    return own.union(*map(_names, parts_of(e)))
+    return {part.name for part in walk(e) if isinstance(part, Name | Item)}

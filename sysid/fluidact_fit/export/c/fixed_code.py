@@ -25,13 +25,14 @@ from ...routines.expression import (
     Number,
     Relation,
     Unary,
+    walk,
 )
 from ...routines.routine import Layer, Let
 from ...routines.sharing import word_of
 from ..ranges import Range, boxes, choose, extreme, minus, over, plus, times, unary
 from .fixed_layer import write_layer
 from .fixed_sheet import Sheet, Value, exponent_of
-from .fixed_table import NotFixed, exponent_for, parts_of, turns
+from .fixed_table import NotFixed, exponent_for, turns
 from .language import fold
 
 _LOWEST_POWER = 12.0  # exp falls to 6e-6 of its largest value over that; below it stays there
@@ -264,7 +265,7 @@ class Code(Sheet):
 
     def _curve(self, e: Expression) -> Value | None:
         """A table where a dear expression depends on a single number."""
-        parts = set(parts_of(e))
+        parts = set(walk(e))
         free = {p.name for p in parts if isinstance(p, Name | Item)}
         if (
             self.width.bits > 15 or sum(map(_cost, parts)) < _DEAR
@@ -296,7 +297,7 @@ class Code(Sheet):
 
     def _arguments_of(self, e: Expression) -> set[str]:
         found: set[str] = set()
-        for p in parts_of(e):
+        for p in walk(e):
             if isinstance(p, Name):
                 inside = self.lets.get(p.name)
                 found |= {p.name} if inside is None else self._arguments_of(inside)

@@ -7,7 +7,7 @@ turns out the other way, one piece ends and the next begins.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ...experiment import FloatArray
 from ...routines.evaluate import RELATIONS, value_of
-from ...routines.expression import Binary, Choose, Expression, Unary
+from ...routines.expression import Binary, Choose, Expression, Unary, walk
 from ..ranges import Range
 
 Integers = npt.NDArray[np.int64]
@@ -75,28 +75,12 @@ def exponent_for(reach: float, bits: int = 15) -> int:
     return e + 1 if round(reach / 2.0**e) > 2**bits - 1 else e
 
 
-def parts_of(e: Expression) -> Iterator[Expression]:
-    """An expression and everything in it, names not followed."""
-    yield e
-    match e:
-        case Unary():
-            inside: tuple[Expression, ...] = (e.x,)
-        case Binary():
-            inside = (e.a, e.b)
-        case Choose():
-            inside = (e.a, e.b, e.yes, e.no)
-        case _:
-            inside = ()
-    for part in inside:
-        yield from parts_of(part)
-
-
 def turns(
     expressions: Sequence[Expression], names: Mapping[str, FloatArray], size: int
 ) -> set[int]:
     """Places of ``size`` where a comparison turns out the other way than at the place before."""
     found: set[int] = set()
-    for e in {p for whole in expressions for p in parts_of(whole)}:
+    for e in {p for whole in expressions for p in walk(whole)}:
         match e:
             case Choose():
                 a, b, relation = e.a, e.b, e.relation

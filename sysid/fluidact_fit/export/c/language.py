@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from ...routines import Routine
-from ...routines.expression import Binary, Choose, Expression, Number, parts_of
+from ...routines.expression import Binary, Choose, Expression, Number, walk
 from ...routines.routine import Layer, Matrix, Solve, Statement, as_matrix
 from ...routines.sharing import expressions_of
 
@@ -139,13 +139,10 @@ def unread(lines: Sequence[str], names: Iterable[str]) -> list[str]:
 
 def uses(routine: Routine, function: str) -> bool:
     """Return whether a routine needs a function of two numbers, such as ``min``."""
-    found = [routine.value, *(e for s in routine.body for e in _expressions(s))]
-    while found:
-        e = found.pop()
-        if isinstance(e, Binary) and e.function == function:
-            return True
-        found += parts_of(e)
-    return False
+    found = (routine.value, *(e for s in routine.body for e in _expressions(s)))
+    return any(
+        isinstance(part, Binary) and part.function == function for e in found for part in walk(e)
+    )
 
 
 def _expressions(s: Statement) -> Iterator[Expression]:
