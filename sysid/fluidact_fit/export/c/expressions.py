@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from ...routines import Routine
 from ...routines.expression import Binary, Choose, Expression, Item, Name, Number, Unary
-from ...routines.routine import Flag, State
+from ...routines.routine import State
 from ...routines.sharing import shared, word_of
 from ..branches import Branches, Words, has_choice
 from .language import Names, Precision, wrapped
@@ -36,7 +36,11 @@ class Expressions(Branches):
         Numbers that the header names.
     """
 
-    words = Words("if {} {{", "}} else if {} {{", "} else {", "}")
+    words = Words(
+        "if ({}) {{", "}} else if ({}) {{", "} else {", "}", "{} = {};", " || ",
+        "!(({0} >= {1}) || ({0} < {1}))", "!(({0} >= {1}) && ({0} <= {2}))", "beyond = 1;",
+        ("/* nothing to compute from: the last output stands */", "beyond = 1;"),
+    )  # fmt: skip
 
     def __init__(
         self, routine: Routine, prefix: str, precision: Precision,
@@ -49,10 +53,10 @@ class Expressions(Branches):
         self._constants: dict[str, float] = {}
         self._named = dict(named)
         self._names = Names(a.name for a in routine.arguments)
-        self._known = {s.name: f"state->{s.name}" for s in routine.states}
+        self._states = {s.name: f"state->{s.name}" for s in routine.states}
+        self._known = dict(self._states)
         self._body: list[str] = []
         self._depth = 1
-        self._context = ""
 
     @property
     def name(self) -> str:
@@ -137,7 +141,7 @@ class Expressions(Branches):
                 return f"{self.prefix}_{e.function}({self._text_of(e.a)}, {self._text_of(e.b)})"
             case Choose():
                 if _is_short(e):
-                    return f"({self._condition(e)} ? {self._text(e.yes)} : {self._text(e.no)})"
+                    return f"(({self._condition(e)}) ? {self._text(e.yes)} : {self._text(e.no)})"
                 chosen = self._names.new("chosen")
                 self._assign(chosen, e, declare=True)
                 return chosen
@@ -150,9 +154,8 @@ class Expressions(Branches):
             return text[1:-1]
         return text
 
-    def _condition(self, e: Choose | Flag) -> str:
-        relation = e.relation if isinstance(e, Choose) else "<"
-        return f"({self._text(e.a)} {relation} {self._text(e.b)})"
+    def _side(self, e: Expression) -> str:
+        return self._text(e)
 
     def _assign(self, target: str, e: Expression, declare: bool = False) -> None:
         """Give a variable a value: a long choice by branches, of which one is computed."""

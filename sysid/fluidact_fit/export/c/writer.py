@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from ...routines import Argument, Routine
+from ...routines import Routine
 from ...routines.evaluate import SINGLE_HALVINGS
-from ...routines.expression import Item, Name
-from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, Statement
+from ...routines.expression import Name
+from ...routines.routine import Filter, Layer, Let, Matrix, Solve
 from .expressions import Expressions
 from .language import WIDTH, Folded, Precision, fold, unread, wrapped
 
@@ -36,75 +36,31 @@ class Writer(Expressions):
         self._tables: list[str] = []
         self._starts = {s.name: self._start_of(s) for s in routine.states}
         self._clamp_all()
-        interrupts = self.routine.careful and self.routine.keeps
-        if interrupts:
-            self._interrupt()
-            self._depth = 2
-        for s in self.routine.body:
-            self._run(s)
-        self._depth = 1
-        if interrupts:
-            self._say("}")
+        self._compute()
         self._context = "value"
         self._result = self._text_of(self.routine.value)
         if self.routine.careful and not self.routine.keeps:
-            self._result = self._numbers_only(self._result)
+            self._say(f"{precision.type} result = {self._result};")
+            self._result = "result"
+            self._numbers_only(self._result)
 
     # ------------------------------------------------------------------------ statements
 
     def _clamp_all(self) -> None:
+        self._ends = {}
         for a in self.routine.arguments:
             low = self._limit(a.low, f"{a.name}_low")
             high = self._limit(a.high, f"{a.name}_high")
-            used = self._names.new(f"{a.name}_used")
-            self._known[a.name] = used
+            self._ends[a.name] = a.name, low, high
+            used = self._known[a.name] = self._names.new(f"{a.name}_used")
             call = f"{self.prefix}_within({a.name}, {low}, {high}, &beyond)"
             self._say(f"const {self.precision.type} {used} = {call};")
         self._body.append("")
 
-    def _unreadable(self, a: Argument) -> str:
-        """Condition under which nothing is computed from an argument."""
-        low, high = (self._limit(v, f"{a.name}_{w}") for v, w in ((a.low, "low"), (a.high, "high")))
-        if a.measured:
-            return f"!(({a.name} >= {low}) && ({a.name} <= {high}))"
-        return f"!(({a.name} >= {low}) || ({a.name} < {low}))"  # what is not a number
-
-    def _interrupt(self) -> None:
-        """The branch that computes nothing; the body stands in the other one."""
-        conditions = [self._unreadable(a) for a in self.routine.arguments]
-        self._say(f"if ({' || '.join(conditions)}) {{")
-        self._depth = 2
-        self._say("/* nothing to compute from: the last output stands */", "beyond = 1;")
-        for s in self.routine.interrupted:
-            self._assign(f"state->{s.state}", s.value)
-        self._depth = 1
-        self._say("} else {")
-
-    def _numbers_only(self, result: str) -> str:
-        """The result, but no number where an argument is none."""
-        self._say(f"{self.precision.type} result = {result};")
-        for a in self.routine.arguments:
-            self._say(f"if ({self._unreadable(a)}) {{", f"    result = {a.name};", "}")
-        return "result"
-
-    def _run(self, s: Statement) -> None:
-        self._context = s.state if isinstance(s, Put) else getattr(s, "name", "limit")
-        match s:
-            case Let():
-                name = self._names.new(s.name)
-                self._assign(name, s.value, declare=True)
-                self._known[s.name] = name
-            case Put():
-                self._assign(f"state->{s.state}", s.value)
-                self._known[s.state] = f"state->{s.state}"
-            case Flag():
-                self._say(f"if {self._condition(s)} {{", "    beyond = 1;", "}")
-            case Layer():
-                self._layer(s)
-            case Solve():
-                self._solve(s)
-            case Filter():
-                self._filter(s)
+    def _let(self, s: Let) -> None:
+        name = self._names.new(s.name)
+        self._assign(name, s.value, declare=True)
+        self._known[s.name] = name
 
     def _counter(self, name: str) -> None:
         if name not in self._counters:
@@ -141,7 +97,7 @@ class Writer(Expressions):
             side = self._names.new(f"{s.name}_side")
             self._say(
                 f"int {side} = 1;",
-                f"if {self._condition(folded.switch)} {{",
+                f"if ({self._condition(folded.switch)}) {{",
                 f"    {side} = 0;",
                 "}",
             )
@@ -168,11 +124,9 @@ class Writer(Expressions):
 
     def _inputs_of(self, s: Layer, folded: Folded) -> str:
         """The array that holds the inputs: that of the layer before, or a new one."""
-        first, n = folded.inputs[0], len(folded.inputs)
-        if isinstance(first, Item) and folded.inputs == tuple(
-            Item(first.name, k) for k in range(n)
-        ):
-            return self._known[first.name]
+        if known := self._array_of(folded.inputs):
+            return known
+        n = len(folded.inputs)
         x = self._names.new(f"{s.name}_inputs")
         inputs = ", ".join(self._text_of(e) for e in folded.inputs)
         self._say(f"const {self.precision.type} {x}[{n}] = {{{inputs}}};")
@@ -195,23 +149,8 @@ class Writer(Expressions):
             f"{real} {name} = {middle};",
             f"for (row = 0; row < {count}; row++) {{",
         )
-        before = dict(self._known)
-        self._known[s.name] = name
-        self._depth += 1
-        for let in s.body:
-            self._run(let)
-        self._context = s.name
-        self._say(
-            f"if ({self._text(s.value)} {'<' if s.rising else '>'} {target}) {{",
-            f"    {below} = {name};",
-            "} else {",
-            f"    {above} = {name};",
-            "}",
-            f"{name} = {middle};",
-        )
-        self._depth -= 1
+        self._halve(s, (name, target, below, above), f"{name} = {middle};")
         self._say("}")
-        self._known = {**before, s.name: name}
 
     def _filter(self, s: Filter) -> None:
         """The equation; without a delay the newest input acts at once, and none is kept for it."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...routines import Argument, Routine
 from ...routines.expression import Binary, Choose, Expression, Item, Name, Number, Unary
-from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, Statement
+from ...routines.routine import Filter, Layer, Let, Matrix, Solve
 from ...routines.sharing import shared
 from ..branches import Branches, Words
 from .words import INDENT, Names, array, block_comment, comment, literal, number, section, wrapped
@@ -30,15 +30,17 @@ class FunctionBlock(Branches):
         What it does; what it computes twice is computed once.
     """
 
-    words = Words("IF {} THEN", "ELSIF {} THEN", "ELSE", "END_IF;")
+    words = Words(
+        "IF {} THEN", "ELSIF {} THEN", "ELSE", "END_IF;", "{} := {};", " OR ",
+        "NOT ({0} >= {1} OR {0} < {1})", "NOT ({0} >= {1} AND {0} <= {2})", "outside := TRUE;",
+        ("outside := TRUE;",),
+    )  # fmt: skip
 
     def __init__(self, name: str, routine: Routine) -> None:
         self.name, self.routine = name, (routine := shared(routine))
         self._names = Names()
-        self._known: dict[str, str] = {}  # name in the routine: identifier that holds it now
-        self._states: dict[str, str] = {}
+        self._known, self._states, self._ends = {}, {}, {}
         self._counters: dict[str, str] = {}
-        self._ends: dict[str, tuple[str, str]] = {}
         self._constants: dict[tuple[str, float], str] = {}
         self._held: list[str] = []
         self._tables: list[str] = []
@@ -51,17 +53,10 @@ class FunctionBlock(Branches):
         self.inputs = tuple(self._names.new(a.name) for a in routine.arguments)
         self._keep_states()
         self._clamp_all()
-        interrupts = routine.careful and routine.keeps
-        if interrupts:
-            self._interrupt()
-        for s in routine.body:
-            self._run(s)
-        if interrupts:
-            self._depth = 0
-            self._say("END_IF;")
+        self._compute()
         self._assign("value", routine.value)
         if routine.careful and not routine.keeps:
-            self._numbers_only()
+            self._numbers_only("value")
 
     def lines(self) -> list[str]:
         """The function block, with a comment that says what it does."""
@@ -135,7 +130,7 @@ class FunctionBlock(Branches):
         for a, given in zip(self.routine.arguments, self.inputs):
             low, high = self._names.new(f"{given}_low"), self._names.new(f"{given}_high")
             self._tables += [*number(low, a.low, f"[{a.unit}]"), *number(high, a.high)]
-            self._ends[a.name] = low, high
+            self._ends[a.name] = given, low, high
             used = self._known[a.name] = self._temporary(f"{given}_used")
             self._say(
                 f"{used} := {given};",
@@ -146,32 +141,6 @@ class FunctionBlock(Branches):
                 f"{INDENT}{used} := {low};",
                 f"{INDENT}outside := TRUE;",
                 "END_IF;",
-            )
-
-    def _unreadable(self, a: Argument, given: str) -> str:
-        """Condition under which nothing is computed from an argument."""
-        low, high = self._ends[a.name]
-        if a.measured:
-            return f"NOT ({given} >= {low} AND {given} <= {high})"
-        return f"NOT ({given} >= {low} OR {given} < {low})"  # what is not a number
-
-    def _interrupt(self) -> None:
-        """The branch that computes nothing; the body stands in the other one."""
-        conditions = map(self._unreadable, self.routine.arguments, self.inputs)
-        self._say(f"IF {' OR '.join(conditions)} THEN")
-        self._depth = 1
-        self._say("outside := TRUE;")
-        for s in self.routine.interrupted:
-            self._assign(self._states[s.state], s.value)
-        self._depth = 0
-        self._say("ELSE")
-        self._depth = 1
-
-    def _numbers_only(self) -> None:
-        """No number where an argument is none."""
-        for a, given in zip(self.routine.arguments, self.inputs):
-            self._say(
-                f"IF {self._unreadable(a, given)} THEN", f"{INDENT}value := {given};", "END_IF;"
             )
 
     # --------------------------------------------------------------------------- expressions
@@ -227,27 +196,10 @@ class FunctionBlock(Branches):
         else:
             self._say(f"{target} := {self._text(e)};")
 
-    def _condition(self, e: Choose | Flag) -> str:
-        relation = e.relation if isinstance(e, Choose) else "<"
-        return f"{self._text(e.a, 1)} {relation} {self._text(e.b, 1)}"
+    def _side(self, e: Expression) -> str:
+        return self._text(e, 1)
 
     # ---------------------------------------------------------------------------- statements
-
-    def _run(self, s: Statement) -> None:
-        match s:
-            case Let():
-                self._let(s)
-            case Put():
-                self._assign(self._states[s.state], s.value)
-                self._known[s.state] = self._states[s.state]
-            case Layer():
-                self._layer(s)
-            case Solve():
-                self._solve(s)
-            case Filter():
-                self._filter(s)
-            case Flag():
-                self._say(f"IF {self._condition(s)} THEN", f"{INDENT}outside := TRUE;", "END_IF;")
 
     def _let(self, s: Let) -> None:
         name = self._temporary(s.name)
@@ -278,12 +230,8 @@ class FunctionBlock(Branches):
 
     def _inputs_of(self, s: Layer) -> str:
         """The array that holds the inputs: that of the layer before, or a new one."""
-        first = s.inputs[0]
-        if isinstance(first, Item):
-            before = next(b for b in self.routine.body if getattr(b, "name", "") == first.name)
-            width = len(before.biases) if isinstance(before, Layer) else 0
-            if s.inputs == tuple(Item(first.name, k) for k in range(width)):
-                return self._known[first.name]
+        if known := self._array_of(s.inputs):
+            return known
         taken = self._list(f"{s.name}_inputs", len(s.inputs))
         for k, e in enumerate(s.inputs):
             self._assign(f"{taken}[{k}]", e)
@@ -311,20 +259,7 @@ class FunctionBlock(Branches):
         self._assign(target, s.target)
         self._say(f"{low} := {literal(s.low)};", f"{high} := {literal(s.high)};")
         self._say(f"FOR {k} := 1 TO {s.halvings} DO", f"{INDENT}{place} := 0.5 * ({low} + {high});")
-        before = dict(self._known)
-        self._known[s.name] = place
-        self._depth += 1
-        for let in s.body:
-            self._let(let)
-        self._say(
-            f"IF {self._text(s.value, 1)} {'<' if s.rising else '>'} {target} THEN",
-            f"{INDENT}{low} := {place};",
-            "ELSE",
-            f"{INDENT}{high} := {place};",
-            "END_IF;",
-        )
-        self._depth -= 1
-        self._known = {**before, s.name: place}
+        self._halve(s, (place, target, low, high))
         self._say("END_FOR;", f"{place} := 0.5 * ({low} + {high});")
 
     def _filter(self, s: Filter) -> None:
