@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from ..estimation.sampled import Sampled
 from ..experiment import FloatArray
+from ..mechanics.rest import rising_zero
 from .controllers.base import Controller
 from .filters import System
 from .plants.base import Plant
@@ -107,12 +108,9 @@ def _margins(point: Sequence[Sampled], law: System, step: float) -> tuple[_Cross
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Find a sign change of a function by bisection to the last digit."""
-    rising = function(high) > 0.0
-    while low < (middle := 0.5 * (low + high)) < high:
-        beyond = (function(middle) > 0.0) == rising
-        low, high = (low, middle) if beyond else (middle, high)
-    return high
+    """Find a sign change of a function."""
+    sign = 1.0 if function(high) > 0.0 else -1.0
+    return rising_zero(lambda w: sign * float(function(w)), low, high)
 
 
 def spectral_radius(point: Sequence[Sampled], law: System) -> float:

@@ -6,7 +6,7 @@ compared with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,18 @@ from .target import Code, Entry, Job, Plain, plain_text, refuse_empty_ranges
 def flatten(block: Block) -> list[Entry]:
     """Return parameters, model, options and validity of a block as a flat list."""
     return [*parameters_of(block), *_model(block), *_options(block), *_validity(block)]
+
+
+def nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Keys with dots as maps within maps."""
+    top: dict[str, Any] = {}
+    for key, value in entries:
+        *path, last = key.split(".")
+        place = top
+        for word in path:
+            place = place.setdefault(word, {})
+        place[last] = value
+    return top
 
 
 def code_of(job: Job) -> Code:

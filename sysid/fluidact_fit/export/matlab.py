@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .flat import flatten
+from .flat import flatten, nested
 from .target import Job, plain_text
 
 _ACROSS = 6  # numbers on a line
@@ -48,14 +48,11 @@ def _content(job: Job) -> dict[str, Any]:
     if document.covariance is not None:
         order = [_from_one(name) for name in document.covariance.order]
         found["covariance"] = {"order": order, "matrix": document.covariance.matrix}
-    for entry in flatten(block):  # model, options and offset
-        if not entry.parameter and not entry.key.startswith("validity."):
-            *path, last = entry.key.split(".")
-            place = found
-            for word in path:
-                place = place.setdefault(word, {})
-            place[last] = entry.value
-    return found
+    return found | nested(  # model, options and offset
+        (entry.key, entry.value)
+        for entry in flatten(block)
+        if not entry.parameter and not entry.key.startswith("validity.")
+    )
 
 
 def _from_one(name: str) -> str:

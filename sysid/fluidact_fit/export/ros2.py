@@ -8,13 +8,13 @@ them, matrices are flattened by rows with their shape beside.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..parameters import dump_yaml
-from .flat import flatten
+from .flat import flatten, nested
 from .target import Code, Entry, Job, Plain, plain_text
 
 
@@ -33,8 +33,8 @@ def write_code(code: Code) -> dict[str, bytes]:
 def _files(
     named: Job | Code, entries: Sequence[Entry], metadata: Mapping[str, Any]
 ) -> dict[str, bytes]:
-    values = _nested((e.key, e.value) for e in entries)
-    declared = _nested((e.key, _declaration(e)) for e in entries)
+    values = nested((e.key, e.value) for e in entries)
+    declared = nested((e.key, _declaration(e)) for e in entries)
     contents = {
         "ros2": {named.name: {"ros__parameters": values}},
         "declaration": {named.name: declared},
@@ -47,18 +47,6 @@ def _files(
         f"{named.file}.{part}.yaml": (remarks + dump_yaml(content)).encode()
         for part, content in contents.items()
     }
-
-
-def _nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Keys with dots as maps within maps."""
-    top: dict[str, Any] = {}
-    for key, value in entries:
-        *path, last = key.split(".")
-        place = top
-        for word in path:
-            place = place.setdefault(word, {})
-        place[last] = value
-    return top
 
 
 def _declaration(entry: Entry) -> dict[str, Any]:

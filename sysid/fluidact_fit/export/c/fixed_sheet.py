@@ -200,17 +200,15 @@ class Sheet:
         """A value as a factor of so many bits; without, those of the width."""
         bits = bits or self.width.bits
         if v.constant is not None:
-            v = self.new(*self._at(v, exponent_for(abs(v.constant), bits)))
+            exponent = exponent_for(abs(v.constant), bits)
+            text, found = self.long(v, exponent)
+            v = self.new(text, exponent, found)
         if v.bits <= bits:
             return v
         exponent = max(exponent_for(v.range.reach, bits), v.exponent)
         text, found = self.long(v, exponent)
         about = f"{v.text if v.text.isidentifier() else self.about} in {bits + 1} bits"
         return self.new(f"(int{bits + 1}_t){text}", exponent, found, bits, about)
-
-    def _at(self, v: Value, exponent: int) -> tuple[str, int, Range]:
-        text, found = self.long(v, exponent)
-        return text, exponent, found
 
     def common(self, values: list[Value], reach: float) -> int:
         """Exponent for a sum, a comparison or a choice; ``reach`` is that of the result."""

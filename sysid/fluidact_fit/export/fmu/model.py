@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
 
 from ...routines import Argument, Routine
 
@@ -134,15 +137,13 @@ def start_of(argument: Argument) -> float:
     return min(max(0.0, argument.low), argument.high)
 
 
-def table(name: str, rows: Sequence[Iterable[float]] | Iterable[float]) -> str:
+def table(name: str, values: npt.ArrayLike) -> str:
     """A constant array of one or two dimensions in C."""
-    listed = [r if isinstance(r, float) else tuple(r) for r in rows]
-    if all(isinstance(r, float) for r in listed):
-        values = ", ".join(number(r) for r in listed if isinstance(r, float))
-        return f"static const double {name}[{len(listed)}] = {{{values}}};"
-    lists = [r for r in listed if isinstance(r, tuple)]
-    inner = ", ".join("{" + ", ".join(map(number, r)) + "}" for r in lists)
-    return f"static const double {name}[{len(lists)}][{len(lists[0])}] = {{{inner}}};"
+    array = np.asarray(values, dtype=float)
+    rows = [", ".join(map(number, row)) for row in np.atleast_2d(array)]
+    inner = rows[0] if array.ndim == 1 else ", ".join(f"{{{row}}}" for row in rows)
+    shape = "".join(f"[{n}]" for n in array.shape)
+    return f"static const double {name}{shape} = {{{inner}}};"
 
 
 def number(value: float) -> str:

@@ -166,7 +166,6 @@ class HydraulicBlock(FlowBlock):
         far, u, found = _FAR * self.machine.supply, self.argument("command", "of the valve"), []
         for i in (1, 2):
             self._check_chamber(i)
-        for i in (1, 2):
             draft = Draft(f"plant_flow_{i}", _ABOUT[i], "m3/s")
             pressure = Argument(
                 f"pressure_{i}", "Pa", "of the chamber", -far, far, recorded=False
@@ -269,10 +268,8 @@ class HydraulicBlock(FlowBlock):
         speeds = [
             self._fastest(i, command, p, w) for i, p in pressures.items() for w in (True, False)
         ]
-        most, draft = (
-            max(speeds, default=0.0),
-            Draft("friction", "Friction of the moving piston.", "N"),
-        )
+        most = max(speeds, default=0.0)
+        draft = Draft("friction", "Friction of the moving piston.", "N")
         v = draft.argument(
             Argument("velocity", "m/s", "speed of the piston", -most, most, recorded=False)
         )
