@@ -5,28 +5,32 @@ Every operation is done in the order in which the exports do it.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from .expression import Binary, Choose, Expression, Item, Name, Number, Unary
+from .expression import Binary, Choose, Expression, Item, Name, Number, Unary, parts_of
 from .statements import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 
 _UNARY: Mapping[str, Callable[[Any], Any]] = {
-    "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log,
+    "neg": operator.neg, "abs": abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log,
 }  # fmt: skip
 _BINARY: Mapping[str, Callable[[Any, Any], Any]] = {
-    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "min": np.minimum,
-    "max": np.maximum,
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+    "min": np.minimum, "max": np.maximum,
 }  # fmt: skip
 RELATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal,
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
 }  # fmt: skip
 _ACTIVATION: Mapping[str, Callable[[Any], Any]] = {
     "relu": lambda z: np.maximum(z, z.dtype.type(0.0)), "tanh": np.tanh, "linear": lambda z: z,
 }  # fmt: skip
+Formula = Callable[[Mapping[str, Any]], Any]
+Watch = Callable[[Any, Any], None]
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Arithmetic:
 
     real: Any = np.float64
     decide: Callable[[Choose, Any, Any, Any], Any] | None = None
-    watch: Callable[[Any, Any], None] | None = None
+    watch: Watch | None = None
     halvings: int = 1000
 
 
@@ -70,6 +74,7 @@ class Machine:
 
     def __init__(self, routine: Routine, arithmetic: Arithmetic = DOUBLE) -> None:
         self.routine, self.arithmetic = routine, arithmetic
+        self._formulas: dict[int, Formula] = {}  # of the routine's expressions, by identity
         self.reset()
 
     def reset(self) -> None:
@@ -91,13 +96,15 @@ class Machine:
         outside: Any = False
         unreadable: Any = False
         for a in self.routine.arguments:
-            given = np.asarray(values[a.name], dtype=real)
-            low, high = real(a.low), real(a.high)
+            given, low, high = real(values[a.name]), real(a.low), real(a.high)
             inside = (given >= low) & (given <= high)
+            if inside is np.True_:  # the usual case of a single call
+                names[a.name] = given
+                continue
             outside = outside | ~inside
             unreadable = unreadable | (~inside if a.measured else np.isnan(given))
             names[a.name] = np.where(given > high, high, np.where(inside, given, low))
-        if not (self.routine.careful and np.any(unreadable)):
+        if unreadable is False or not (self.routine.careful and np.any(unreadable)):
             return self._computed(names, outside)
         before = dict(self.states)
         lines = {name: (list(x), list(line)) for name, (x, line) in self.memory.items()}
@@ -128,7 +135,9 @@ class Machine:
         return np.where(unreadable, self.arithmetic.real(held), value)
 
     def _value(self, e: Expression, names: Mapping[str, Any]) -> Any:
-        return value_of(e, names, self.arithmetic)
+        if id(e) not in self._formulas:
+            self._formulas[id(e)] = compiled(e, self.arithmetic)
+        return self._formulas[id(e)](names)
 
     def _run(self, s: Statement, names: dict[str, Any]) -> None:
         match s:
@@ -193,33 +202,70 @@ class Machine:
 
 def value_of(e: Expression, names: Mapping[str, Any], arithmetic: Arithmetic = DOUBLE) -> Any:
     """Value of an expression where the names have these values."""
+    return compiled(e, arithmetic)(names)
 
-    def value(part: Expression) -> Any:
-        return value_of(part, names, arithmetic)
+
+def compiled(e: Expression, arithmetic: Arithmetic = DOUBLE) -> Formula:
+    """Function that gives the value of an expression for the values of its names."""
+
+    def part(x: Expression) -> Formula:
+        return compiled(x, arithmetic)
 
     match e:
         case Number():
-            return arithmetic.real(e.value)
+            constant = arithmetic.real(e.value)
+            return lambda names: constant
         case Name():
-            return names[e.name]
+            return itemgetter(e.name)
         case Item():
-            return names[e.name][e.index]
+            name, index = e.name, e.index
+            return lambda names: names[name][index]
         case Unary():
-            x = value(e.x)
+            function, x = _UNARY[e.function], part(e.x)
             if e.function == "abs" and arithmetic.watch is not None:
-                arithmetic.watch(x, 0.0)
-            return _UNARY[e.function](x)
+                x = _watched(arithmetic.watch, x)
+            return lambda names: function(x(names))
         case Binary():
-            a, b = value(e.a), value(e.b)
+            rule, a, b = _BINARY[e.function], part(e.a), part(e.b)
             if e.function in ("min", "max") and arithmetic.watch is not None:
-                arithmetic.watch(a, b)
-            return _BINARY[e.function](a, b)
+                rule = _watching(arithmetic.watch, rule)
+            return lambda names: rule(a(names), b(names))
         case Choose():
-            a, b = value(e.a), value(e.b)
-            if arithmetic.watch is not None:
-                arithmetic.watch(a, b)
-            holds = RELATIONS[e.relation](a, b)
-            if arithmetic.decide is not None:
-                holds = arithmetic.decide(e, a, b, holds)
-            return np.where(holds, value(e.yes), value(e.no))
+            return _chosen(e, arithmetic, *map(part, parts_of(e)))
     raise TypeError(e)
+
+
+def _watched(watch: Watch, x: Formula) -> Formula:
+    def value(names: Mapping[str, Any]) -> Any:
+        found = x(names)
+        watch(found, 0.0)
+        return found
+
+    return value
+
+
+def _watching(watch: Watch, rule: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def value(a: Any, b: Any) -> Any:
+        watch(a, b)
+        return rule(a, b)
+
+    return value
+
+
+def _chosen(
+    e: Choose, arithmetic: Arithmetic, a: Formula, b: Formula, yes: Formula, no: Formula
+) -> Formula:
+    relation, watch, decide = RELATIONS[e.relation], arithmetic.watch, arithmetic.decide
+
+    def value(names: Mapping[str, Any]) -> Any:
+        left, right = a(names), b(names)
+        holds = relation(left, right)
+        if watch is None and decide is None and isinstance(holds, np.bool_):
+            return yes(names) if holds else no(names)
+        if watch is not None:
+            watch(left, right)
+        if decide is not None:
+            holds = decide(e, left, right, holds)
+        return np.where(holds, yes(names), no(names))
+
+    return value
