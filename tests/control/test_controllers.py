@@ -16,11 +16,10 @@ from fluidact_fit.control.controllers import (
     PDController,
     Smoothing,
     Travel,
-    allocate,
 )
 from fluidact_fit.control.controllers.impedance import Impedance, KnownFriction, Pressures
 from fluidact_fit.control.controllers.pd import StaticFriction
-from fluidact_fit.control.filters import Butterworth, Differentiator
+from fluidact_fit.control.filters import Butterworth
 from fluidact_fit.control.loop import run_loop
 from fluidact_fit.control.margins import loop_margins
 from fluidact_fit.control.metrics import step_metrics, tracking_metrics
@@ -47,16 +46,6 @@ def test_filter_is_that_of_scipy_and_loses_3_db_at_its_cutoff() -> None:
     assert abs(ours.response(np.exp(2j * pi * 0.1))) == pytest.approx(1.0 / sqrt(2.0))
 
 
-def test_filter_steps_as_its_response_says_and_rests_where_it_is_put() -> None:
-    ours = Butterworth(5.0, 0.01)
-    ours.reset(3.0)
-    assert [ours.step(3.0) for _ in range(5)] == pytest.approx([3.0] * 5)
-    ours.reset()
-    pulse = [ours.step(float(k == 0)) for k in range(400)]
-    z = np.exp(0.4j)
-    assert sum(p * z**-k for k, p in enumerate(pulse)) == pytest.approx(ours.response(z))
-
-
 @pytest.mark.parametrize("cutoff", [0.0, 50.0, float("nan")])
 def test_filter_refuses_a_frequency_it_cannot_cut(cutoff: float) -> None:
     with pytest.raises(UsageError, match="Hz"):
@@ -64,10 +53,22 @@ def test_filter_refuses_a_frequency_it_cannot_cut(cutoff: float) -> None:
 
 
 def test_rate_of_a_ramp() -> None:
-    rate = Differentiator(10.0, 0.01)
-    seen = [rate.step(5.0 + 0.3 * k) for k in range(200)]
+    loop = PDController(Gains(0.0, 1.0), Travel("position"), 0.01)
+    seen = [loop.step({"position": 0.0}, 5.0 + 0.3 * k)[0] for k in range(200)]
     assert seen[0] == 0.0
     assert seen[-1] == pytest.approx(30.0, rel=1e-9)
+
+
+def test_a_controller_steps_as_its_linear_system_says() -> None:
+    """The routine that is exported, and the state space of which margins are made."""
+    loop = PDController(Gains(40.0, 3.0), Travel("position"), 0.01, cutoff=5.0)
+    loop.step({"position": 0.0}, 0.0)
+    pulse = [loop.step({"position": 0.0}, float(k == 0))[0] for k in range(600)]
+    z = np.exp(0.4j)
+    found = sum(p * z**-k for k, p in enumerate(pulse))
+    assert found == pytest.approx(complex(loop.linear().response(z)[0]), rel=1e-9)
+    butterworth = Butterworth(5.0, 0.01).response(z)
+    assert found == pytest.approx(40.0 + 3.0 * butterworth * (1.0 - 1.0 / z) / 0.01, rel=1e-9)
 
 
 def test_gains_follow_the_equations_of_the_thesis() -> None:
@@ -152,7 +153,12 @@ def test_static_friction_stops_short_and_compensation_goes_on() -> None:
     [(1.0, 0.0, 2.9), (-1.0, 0.0, -1.9), (0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (-1.0, -0.2, 0.0)],
 )
 def test_compensation_is_equations_17_and_18(error: float, speed: float, expected: float) -> None:
-    assert StaticFriction(2.9, 1.9, 0.1).compensate(error, speed) == expected
+    """At a speed that has lasted, with no gain but that of the compensation."""
+    loop = PDController(Gains(0.0, 0.0), Travel("position"), 0.01, StaticFriction(2.9, 1.9, 0.1))
+    for k in range(200):
+        place = 1.01 * speed * 0.01 * k
+        found = loop.step({"position": place}, place + error)
+    assert found == (expected,)
 
 
 def test_margins_of_a_loop_that_is_known() -> None:
@@ -222,7 +228,9 @@ def test_gains_say_what_they_come_to() -> None:
 
 
 def test_pressures_have_the_set_sum_and_give_the_force() -> None:
-    one, two = allocate(12.0, 4.0e-4, 3.4e-4, 8e5, 101325.0)
+    pressures = Pressures((4.0e-4, 3.4e-4), 8e5, 101325.0)
+    loop = ImpedanceController(Impedance(1200.0, 0.0), pressures, 0.01)
+    one, two = loop.step({"position": 0.0}, 0.01)
     assert one + two == pytest.approx(8e5)
     assert one * 4.0e-4 - two * 3.4e-4 - 101325.0 * 0.6e-4 == pytest.approx(12.0)
 
@@ -241,11 +249,16 @@ def test_impedance_is_a_spring_against_a_held_rod() -> None:
     assert p_1 + p_2 == pytest.approx(8e5)
 
 
-def test_friction_that_is_known_has_the_sign_of_a_speed_beyond_the_tolerance() -> None:
-    friction = KnownFriction(45.0, 2.4, 2.0, 0.01)
-    assert friction.compensate(0.1) == pytest.approx(6.9)
-    assert friction.compensate(-0.1) == pytest.approx(-6.5)
-    assert friction.compensate(0.005) == pytest.approx(0.225)
+@pytest.mark.parametrize(("speed", "due"), [(0.1, 6.9), (-0.1, -6.5), (0.005, 0.225)])
+def test_friction_that_is_known_has_the_sign_of_a_speed_beyond_the_tolerance(
+    speed: float, due: float
+) -> None:
+    """The force of a rod that moves steadily, without stiffness to speak of."""
+    pressures, friction = Pressures((4.0e-4, 3.4e-4), 8e5, 0.0), KnownFriction(45.0, 2.4, 2.0, 0.01)
+    loop = ImpedanceController(Impedance(1e-9, 0.0), pressures, 0.01, friction)
+    for k in range(300):
+        one, two = loop.step({"position": speed * 0.01 * k}, 0.0)
+    assert one * 4.0e-4 - two * 3.4e-4 == pytest.approx(due, rel=1e-6)
 
 
 def test_held_smoothing_is_a_straight_line() -> None:

@@ -72,18 +72,15 @@ class Exported(Controller):
     """A controller that calls what was exported of it, in the order that the page says."""
 
     def __init__(self, kind: str, call: Call, like: Controller, role: str) -> None:
-        super().__init__(like.sample_time, like.travel, begins=like.begins)
+        super().__init__(like.sample_time, like.travel)
+        self.begins = like.begins
         self.kind, self.call, self.role, self.first = kind, call, role, True
 
     def reset(self) -> None:
         super().reset()
         self.first = True
 
-    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
-        return self.called(measured, wanted)
-
-    def called(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
-        """What is returned, whatever was measured."""
+    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
         kept, self.first = {"reset": self.first}, False
         if self.kind == "pd":
             return (self.call("step", reference, measured[self.role], **kept),)
@@ -290,7 +287,7 @@ def test_without_a_reading_the_last_command_stands(
         size = np.abs(untouched).max()
         for to, other in others.items():
             flags[to].clear()
-            found = other.called(measured, reference)
+            found = other.step(measured, reference)
             np.testing.assert_allclose(found, command, atol=(1e-5 if to == "c" else 1e-9) * size)
             assert any(flags[to]) == controller.outside
         held = np.isnan(reference) or (

@@ -79,20 +79,6 @@ class Butterworth:
         b = k * k / scale
         self.numerator = (b, 2.0 * b, b)
         self.denominator = (1.0, 2.0 * (k * k - 1.0) / scale, (1.0 - sqrt(2.0) * k + k * k) / scale)
-        self.reset()
-
-    def reset(self, value: float = 0.0) -> None:
-        """Be at rest at a value, as if nothing else had ever come in."""
-        b, a = self.numerator, self.denominator
-        self._state = [value * (1.0 - b[0]), value * (b[2] - a[2])]
-
-    def step(self, value: float) -> float:
-        """Take a sample and return the filtered one."""
-        b, a, state = self.numerator, self.denominator, self._state
-        y = b[0] * value + state[0]
-        state[0] = b[1] * value - a[1] * y + state[1]
-        state[1] = b[2] * value - a[2] * y
-        return y
 
     def response(self, z: complex) -> complex:
         """Return ``H(z)``."""
@@ -100,38 +86,18 @@ class Butterworth:
         return (b[0] + (b[1] + b[2] / z) / z) / (a[0] + (a[1] + a[2] / z) / z)
 
 
-class Differentiator:
-    """Rate of change of a signal: difference between samples, then :class:`Butterworth`."""
+def differentiator(cutoff: float, sample_time: float) -> System:
+    """Rate of change of a signal: difference between samples, then :class:`Butterworth`.
 
-    def __init__(self, cutoff: float, sample_time: float) -> None:
-        self._filter = Butterworth(cutoff, sample_time)
-        self._sample_time = sample_time
-        self.reset()
-
-    def reset(self) -> None:
-        """Be at rest; the first sample to come sets where."""
-        self._last: float | None = None
-        self._filter.reset()
-
-    def interrupt(self) -> None:
-        """Take the next sample for the first one: what lies between it and the last is unknown."""
-        self._last = None
-
-    def step(self, value: float) -> float:
-        """Take a sample and return the rate at it [per second]."""
-        last = value if self._last is None else self._last
-        self._last = value
-        return self._filter.step((value - last) / self._sample_time)
-
-    def system(self) -> System:
-        """Return the filter as a state space: the last sample, then the states of the filter."""
-        b, a = self._filter.numerator, self._filter.denominator
-        difference = np.array([-1.0, 0.0, 0.0]) / self._sample_time
-        output = b[0] * difference + np.array([0.0, 1.0, 0.0])
-        matrix = np.zeros((3, 3))
-        matrix[1] = b[1] * difference - a[1] * output + np.array([0.0, 0.0, 1.0])
-        matrix[2] = b[2] * difference - a[2] * output
-        direct = b[0] / self._sample_time
-        inputs = [1.0, b[1] / self._sample_time - a[1] * direct,
-                  b[2] / self._sample_time - a[2] * direct]  # fmt: skip
-        return System(matrix, np.array(inputs), output[None, :], np.array([direct]))
+    The states are the last sample and those of the filter.
+    """
+    low_pass = Butterworth(cutoff, sample_time)
+    b, a = low_pass.numerator, low_pass.denominator
+    difference = np.array([-1.0, 0.0, 0.0]) / sample_time
+    output = b[0] * difference + np.array([0.0, 1.0, 0.0])
+    matrix = np.zeros((3, 3))
+    matrix[1] = b[1] * difference - a[1] * output + np.array([0.0, 0.0, 1.0])
+    matrix[2] = b[2] * difference - a[2] * output
+    direct = b[0] / sample_time
+    inputs = [1.0, b[1] / sample_time - a[1] * direct, b[2] / sample_time - a[2] * direct]
+    return System(matrix, np.array(inputs), output[None, :], np.array([direct]))

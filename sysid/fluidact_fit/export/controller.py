@@ -13,10 +13,8 @@ from ..control.controller_numbers import numbers_of
 from ..control.controllers import (
     Controller,
     FeedforwardForceController,
-    ImpedanceController,
-    PDController,
+    RoutineController,
 )
-from ..control.controllers.routines import force_routines, routines_of
 from ..control.force_maps import force_maps
 from ..control.machines import make_controller, make_plant
 from ..control.margins import loop_margins
@@ -50,12 +48,10 @@ def controller_code(
     if isinstance(controller, FeedforwardForceController):
         maps = force_maps(sort_parts(file.kind, blocks))
         found, target = maps.inverse_routine()
-        routines: tuple[Routine, ...] = force_routines(
-            controller, found, target, maps.to_command, command
-        )
+        routines: tuple[Routine, ...] = controller.routines(found, target, maps.to_command, command)
     else:
-        assert isinstance(controller, PDController | ImpedanceController)
-        routines = routines_of(controller, command)
+        assert isinstance(controller, RoutineController)
+        routines = controller.routines(command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
     remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
     remarks += [*controller.unreached, *_beginning(file, controller, command)]

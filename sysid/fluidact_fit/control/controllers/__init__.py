@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .base import Controller, Travel
+from .base import Controller, RoutineController, Travel
 from .force import FeedforwardForceController, MotionState, Smoothing
-from .impedance import ImpedanceController, allocate
+from .impedance import ImpedanceController
 from .pd import Gains, PDController
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "ImpedanceController",
     "MotionState",
     "PDController",
+    "RoutineController",
     "Smoothing",
     "Travel",
-    "allocate",
 ]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, isnan
+from functools import cached_property
+from math import inf, isfinite, nan
 
+from ...routines import Machine, Routine
 from ..filters import System
 
 _FAR = 10.0  # strokes beyond what the logs covered: nothing that is measured lies there
@@ -52,19 +54,19 @@ class Controller(ABC):
     """
 
     unreached: tuple[str, ...] = ()
+    begins: tuple[float, ...] = ()
 
     def __init__(
-        self, sample_time: float, travel: Travel, limits: tuple[float, float] = (-inf, inf),
-        begins: tuple[float, ...] = (),
-    ) -> None:  # fmt: skip
+        self, sample_time: float, travel: Travel, limits: tuple[float, float] = (-inf, inf)
+    ) -> None:
         self.sample_time, self.travel, self.limits = sample_time, travel, limits
-        self.begins = self._given = begins
         self.outside = False
 
     def reset(self) -> None:
         """Forget everything that was measured."""
-        self._given, self.outside = self.begins, False
+        self.outside = False
 
+    @abstractmethod
     def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
         """Return the commands that are held until the next sample.
 
@@ -75,28 +77,6 @@ class Controller(ABC):
         reference
             Where the output is wanted at this sample [SI].
         """
-        low, high = self.travel.reach
-        wanted = min(max(reference, low), high)
-        self.outside = wanted != reference
-        if isnan(reference) or not self._readable(measured):
-            self.outside = True
-            self._interrupt(wanted)
-        else:
-            self._given = self.compute(measured, wanted)
-        return self._given
-
-    def _readable(self, measured: Mapping[str, float]) -> bool:
-        """Return whether what was measured can be true."""
-        (low, high), value = self.travel.reach, measured[self.travel.role]
-        return isfinite(value) and low <= value <= high
-
-    def _interrupt(self, wanted: float) -> None:
-        """Be ready for the next reading; ``wanted`` may be NaN."""
-        return
-
-    @abstractmethod
-    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
-        """Return the commands for readings that can be true."""
 
     def linear(self) -> System:
         """From the output falling short to the commands, compensation and limits apart.
@@ -111,3 +91,35 @@ class Controller(ABC):
     def limit(self, command: float) -> float:
         """Cut a command off at the limits."""
         return min(max(command, self.limits[0]), self.limits[1])
+
+
+class RoutineController(Controller):
+    """A controller that runs the routines that are exported of it.
+
+    The first takes what is wanted and what is measured; what it gives goes to the others, of which
+    each gives a command, or is the command where there are none.
+    """
+
+    @abstractmethod
+    def routines(self, unit: str = "") -> tuple[Routine, ...]:
+        """Return what has to be called, in order; ``unit`` is that of the commands."""
+
+    @cached_property
+    def _machines(self) -> list[Machine]:
+        return [Machine(r) for r in self.routines()]
+
+    def reset(self) -> None:
+        """Forget everything that was measured."""
+        super().reset()
+        for machine in self._machines:
+            machine.reset()
+
+    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+        """Return the commands; see :meth:`Controller.step`."""
+        first, *others = self._machines
+        reading = measured[self.travel.role]
+        known = {self.travel.role: reading if isfinite(reading) else nan, "wanted": reference}
+        value, outside = first(**known)
+        found = [machine(**{first.routine.name: value}) for machine in others]
+        self.outside = bool(outside) or any(beyond for _, beyond in found)
+        return tuple(float(command) for command, _ in found or [(value, outside)])

@@ -25,11 +25,13 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isnan
 from typing import Literal
 
+from ...routines import Argument, Draft, Expression, Operand, Routine, choose, constant, minimum
 from .base import Controller, Travel
+from .routines import arguments, limited
 
 Reading = Literal["held", "recursive"]
 CommandMap = Callable[[float, float, float], tuple[float, bool]]
@@ -109,7 +111,8 @@ class FeedforwardForceController(Controller):
         observer: ForceMap | None = None, *, travel: Travel = ANY_FORCE,
         limits: tuple[float, float] = (-inf, inf), start: Start = Start(),
     ) -> None:  # fmt: skip
-        super().__init__(sample_time, travel, limits, (start.command,))
+        super().__init__(sample_time, travel, limits)
+        self.begins = (start.command,)
         self.smoothing, self.start = smoothing, start
         self._command_for, self._observer = command_for, observer
         self._wanted, self._applied = MotionState(start.force), MotionState(start.command)
@@ -121,23 +124,27 @@ class FeedforwardForceController(Controller):
         self.smoothing.reset(self.start.command)
         self._wanted.reset()
         self._applied.reset()
-        self._reference = self.start.force
+        self._reference, self._given = self.start.force, self.begins
         self.observed = float("nan")
 
-    def _readable(self, measured: Mapping[str, float]) -> bool:
-        return not isnan(measured["position"])  # beyond its range the map takes the end of it
-
-    def _interrupt(self, wanted: float) -> None:
-        if not isnan(wanted):
-            self._wanted.step(wanted)
-
-    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
-        """Command for readings that can be true.
+    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+        """Return the command; see :meth:`Controller.step`.
 
         The way over ``n_s`` samples begins anew when the reference changes. The target itself
-        may move on the way, with the position.
+        may move on the way, with the position, beyond whose range the map takes the end of it.
         """
-        place = measured["position"]
+        low, high = self.travel.reach
+        wanted = min(max(reference, low), high)
+        self.outside = wanted != reference
+        if isnan(reference) or isnan(measured["position"]):
+            self.outside = True
+            if not isnan(wanted):
+                self._wanted.step(wanted)
+        else:
+            self._given = (self._command(measured["position"], wanted),)
+        return self._given
+
+    def _command(self, place: float, wanted: float) -> float:
         state = self._wanted.step(wanted)
         if wanted != self._reference:
             self.smoothing.begin()
@@ -147,4 +154,70 @@ class FeedforwardForceController(Controller):
         command = self.smoothing.step(self.limit(target))
         if self._observer is not None:
             self.observed = self._observer(command, place, self._applied.step(command))
-        return (command,)
+        return command
+
+    def routines(
+        self, drive_for: Routine, target: Argument, supply: tuple[float, float], unit: str
+    ) -> tuple[Routine, Routine, Routine]:
+        """Return what is called, in order: motion state, map and smoothing.
+
+        Parameters
+        ----------
+        drive_for, target
+            The map from the force, and what it gives as an argument of the last routine.
+        supply
+            Gain and offset of ``drive = gain command + offset`` for what the map gives.
+        unit
+            Of the command.
+        """
+        reference = replace(arguments(self.travel)[0], held=True)
+        return (
+            _direction(reference, self.start),
+            replace(drive_for, careful=True),
+            _smoothed(self, reference, target, supply, unit),
+        )
+
+
+def _direction(reference: Argument, start: Start) -> Routine:
+    """Motion state of what is wanted; the first value is a change from that of the start."""
+    about = "Motion state of the wanted force: 1 loading, -1 unloading."
+    draft = Draft("direction", about, "1", careful=True)
+    wanted = draft.argument(reference)
+    last, state = draft.state("last", start.force), draft.state("moved", 1.0)
+    draft.put(state, _by_change(wanted, last, -1.0, 1.0, state))
+    draft.put(last, wanted)
+    return draft.returns(state)
+
+
+def _by_change(
+    value: Expression, last: Expression, fell: Operand, rose: Operand, rests: Operand
+) -> Expression:
+    return choose(value, ">", last, rose, choose(value, "<", last, fell, rests))
+
+
+def _smoothed(
+    c: FeedforwardForceController, reference: Argument, target: Argument,
+    supply: tuple[float, float], unit: str,
+) -> Routine:  # fmt: skip
+    """Equation 8, written as a mean of two values, so that what was rounded before fades."""
+    draft = Draft("step", "Command of this sample.", unit, c.sample_time, careful=True)
+    wanted, drive = draft.argument(reference), draft.argument(target)
+    gain, offset = supply
+    steps, held = float(c.smoothing.steps), c.smoothing.reading == "held"
+    start = c.start
+    last, count = draft.state("last", start.force), draft.state("count", steps)
+    now = draft.state("now", start.command)
+    goal: Expression = drive
+    if supply != (1.0, 0.0):
+        goal = (drive - constant("offset", offset)) * constant("per_gain", 1.0 / gain)
+    goal = draft.let("goal", limited(goal, c.limits))
+    changed = draft.let("changed", _by_change(wanted, last, 1, 1, 0))
+    draft.put(last, wanted)
+    draft.put(count, choose(changed, ">", 0.0, 1.0, minimum(count + 1.0, constant("steps", steps))))
+    base: Expression = now
+    if held:
+        base = draft.state("start", start.command)
+        draft.put(base, choose(changed, ">", 0.0, now, base))
+    share = draft.let("share", count * constant("per_steps", 1.0 / steps))
+    draft.put(now, base * (1.0 - share) + goal * share)
+    return draft.returns(now)

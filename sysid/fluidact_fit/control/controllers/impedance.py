@@ -18,29 +18,18 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Self
 
 import numpy as np
 
-from ..filters import Differentiator, System
-from .base import Controller, Travel
+from ...routines import Argument, Draft, Machine, Routine, choose, constant
+from ..filters import Butterworth, System, differentiator
+from .base import RoutineController, Travel
+from .routines import arguments, limited, rate, returned
 
 ANY_POSITION = Travel("position")
-
-
-def allocate(
-    force: float, area_1: float, area_2: float, sum_of_pressures: float, atmosphere: float
-) -> tuple[float, float]:
-    """Pressures [Pa] that give a force [N] and have a set sum (equation 22).
-
-    The rod takes the difference of the areas [m2]; ``atmosphere`` [Pa] acts on it.
-    """
-    bias = atmosphere * (area_1 - area_2)
-    first = (force + sum_of_pressures * area_2 + bias) / (area_1 + area_2)
-    return first, sum_of_pressures - first
 
 
 @dataclass(frozen=True)
@@ -68,13 +57,6 @@ class KnownFriction:
     coulomb_negative: float = 0.0
     tolerance: float = 0.0
 
-    def compensate(self, speed: float) -> float:
-        """Force against friction at a measured speed [N]."""
-        force = self.viscous * speed
-        if speed > self.tolerance:
-            return force + self.coulomb_positive
-        return force - self.coulomb_negative if speed < -self.tolerance else force
-
 
 @dataclass(frozen=True)
 class Pressures:
@@ -91,18 +73,8 @@ class Pressures:
     offset: tuple[float, float] = (0.0, 0.0)
     range: tuple[float, float] = (0.0, inf)
 
-    def commands(self, force: float) -> tuple[float, float]:
-        """Commands of both valves; a pressure beyond their range is cut off."""
-        low, high = self.range
-        found = allocate(force, *self.area, self.total, self.atmosphere)
-        one, two = (
-            (min(max(p, low), high) - offset) / gain
-            for p, gain, offset in zip(found, self.gain, self.offset)
-        )
-        return one, two
 
-
-class ImpedanceController(Controller):
+class ImpedanceController(RoutineController):
     """The controller of the pneumatic rig; ``limits`` are those of the force [N]."""
 
     def __init__(
@@ -110,37 +82,63 @@ class ImpedanceController(Controller):
         friction: KnownFriction = KnownFriction(), *, travel: Travel = ANY_POSITION,
         cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf),
     ) -> None:  # fmt: skip
-        still = pressures.commands(min(max(0.0, limits[0]), limits[1]))
-        super().__init__(sample_time, travel, limits, still)
+        super().__init__(sample_time, travel, limits)
         self.impedance, self.pressures, self.friction = impedance, pressures, friction
-        self.cutoff = cutoff
-        self._speed = Differentiator(cutoff, sample_time)
-        self._wanted = Differentiator(cutoff, sample_time)
+        self.cutoff, still = cutoff, {"force": self.limit(0.0)}
+        self.begins = tuple(float(Machine(r)(**still)[0]) for r in self._commands(""))
 
-    def reset(self) -> None:
-        """Forget what was measured."""
-        super().reset()
-        self._speed.reset()
-        self._wanted.reset()
+    def routines(self, unit: str = "") -> tuple[Routine, ...]:
+        """Wanted force, and the commands for it; see :meth:`RoutineController.routines`."""
+        return self._force(), *self._commands(unit)
 
-    def _interrupt(self, wanted: float) -> None:
-        self._speed.interrupt()
-        self._wanted.interrupt()
+    def _force(self) -> Routine:
+        about = "Force that is wanted at this sample."
+        draft = Draft("force", about, "N", self.sample_time, careful=True)
+        reference, measured = map(draft.argument, arguments(self.travel))
+        low_pass = Butterworth(self.cutoff, self.sample_time)
+        z, f = self.impedance, self.friction
+        coulomb = f.coulomb_positive or f.coulomb_negative
+        force = constant("stiffness", z.stiffness) * (reference - measured)
+        if z.damping or f.viscous or coulomb:
+            speed = rate(draft, "speed", measured, low_pass, self.sample_time)
+        if z.damping:
+            wanted = rate(draft, "wanted_speed", reference, low_pass, self.sample_time)
+            force = force + constant("damping", z.damping) * (wanted - speed)
+        if f.viscous:
+            force = force + constant("viscous", f.viscous) * speed
+        if coulomb:
+            up = constant("coulomb_positive", f.coulomb_positive)
+            down = constant("coulomb_negative", -f.coulomb_negative)
+            low, high = (constant("velocity_tolerance", way * f.tolerance) for way in (-1.0, 1.0))
+            sign = choose(speed, "<", low, down, 0.0, jumps=True)
+            sign = choose(speed, ">", high, up, sign, jumps=True)
+            force = force + sign
+        return returned(draft, limited(force, self.limits), self.limit(0.0))
 
-    def force(self, position: float, reference: float) -> float:
-        """Force that is wanted at this sample [N]; filters go on."""
-        speed, wanted = self._speed.step(position), self._wanted.step(reference)
-        z = self.impedance
-        force = z.stiffness * (reference - position) + z.damping * (wanted - speed)
-        return self.limit(force + self.friction.compensate(speed))
-
-    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
-        """The commands for the wanted impedance; see :meth:`Controller.compute`."""
-        return self.pressures.commands(self.force(measured["position"], wanted))
+    def _commands(self, unit: str) -> list[Routine]:
+        """Commands of both valves for a force: equation 22."""
+        p = self.pressures
+        one, two = p.area
+        most = max(p.total, p.atmosphere) * max(one, two)
+        bias = p.total * two + p.atmosphere * (one - two)
+        found = []
+        for chamber in (1, 2):
+            draft = Draft(f"command_{chamber}", f"Command of the valve of chamber {chamber}.", unit)
+            force = draft.argument(
+                Argument("force", "N", "wanted force", -most, most, recorded=False)
+            )  # fmt: skip
+            per_area = constant("per_area", 1.0 / (one + two))
+            pressure = draft.let("pressure", (force + constant("bias", bias)) * per_area)
+            if chamber == 2:
+                pressure = draft.let("other", constant("sum_of_pressures", p.total) - pressure)
+            offset = constant("offset", p.offset[chamber - 1])
+            per_gain = constant("per_gain", 1.0 / p.gain[chamber - 1])
+            found.append(draft.returns((limited(pressure, p.range) - offset) * per_gain))
+        return found
 
     def linear(self) -> System:
         """From the position falling short to both commands; see :meth:`.Controller.linear`."""
         z, p = self.impedance, self.pressures
         per = np.array([1.0, -1.0]) / np.array(p.gain) / sum(p.area)
-        rate = Differentiator(self.cutoff, self.sample_time).system()
-        return rate.scaled((z.damping - self.friction.viscous) * per, z.stiffness * per)
+        speed = differentiator(self.cutoff, self.sample_time)
+        return speed.scaled((z.damping - self.friction.viscous) * per, z.stiffness * per)

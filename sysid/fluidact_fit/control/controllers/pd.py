@@ -26,7 +26,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, nan, pi, sqrt
 from typing import Self
@@ -34,8 +33,10 @@ from typing import Self
 import numpy as np
 
 from ...errors import UsageError
-from ..filters import Differentiator, System
-from .base import Controller, Travel
+from ...routines import Draft, Routine, by_sign, choose, constant
+from ..filters import Butterworth, System, differentiator
+from .base import RoutineController, Travel
+from .routines import arguments, limited, rate, returned
 
 
 @dataclass(frozen=True)
@@ -114,20 +115,14 @@ class Gains:
 
 @dataclass(frozen=True)
 class StaticFriction:
-    """Levels that are added at rest [command], and the speed below which it is rest [1/s]."""
+    """Levels added at rest [command], and the speed below which it is rest [1/s]: (17), (18)."""
 
     positive: float = 0.0
     negative: float = 0.0
     tolerance: float = 0.0
 
-    def compensate(self, error: float, speed: float) -> float:
-        """Equations 17 and 18."""
-        if abs(speed) >= self.tolerance or error == 0.0:
-            return 0.0
-        return self.positive if error > 0.0 else -self.negative
 
-
-class PDController(Controller):
+class PDController(RoutineController):
     """The controller of the hydrostatic rig.
 
     Parameters
@@ -152,32 +147,37 @@ class PDController(Controller):
         friction: StaticFriction = StaticFriction(), *,
         cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf), holding: float = 0.0,
     ) -> None:  # fmt: skip
-        super().__init__(sample_time, travel, limits, (min(max(holding, limits[0]), limits[1]),))
+        super().__init__(sample_time, travel, limits)
         self.gains, self.friction = gains, friction
         self.cutoff, self.holding = cutoff, holding
-        self._error_rate = Differentiator(cutoff, sample_time)
-        self._speed = Differentiator(cutoff, sample_time)
+        self.begins = (self.limit(holding),)
 
-    def reset(self) -> None:
-        """Forget what was measured."""
-        super().reset()
-        self._error_rate.reset()
-        self._speed.reset()
-
-    def _interrupt(self, wanted: float) -> None:
-        self._error_rate.interrupt()
-        self._speed.interrupt()
-
-    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
-        """The command against the deviation, with compensation; see :meth:`Controller.compute`."""
-        place = measured[self.travel.role]
-        error = wanted - place
-        rate, speed = self._error_rate.step(error), self._speed.step(place)
-        command = self.gains.proportional * error + self.gains.derivative * rate + self.holding
-        return (self.limit(command + self.friction.compensate(error, speed)),)
+    def routines(self, unit: str = "") -> tuple[Routine, ...]:
+        """The command against the deviation; see :meth:`RoutineController.routines`."""
+        draft = Draft("step", "Command of this sample.", unit, self.sample_time, careful=True)
+        reference, measured = map(draft.argument, arguments(self.travel))
+        error = draft.let("error", reference - measured)
+        low_pass = Butterworth(self.cutoff, self.sample_time)
+        command = constant("proportional", self.gains.proportional) * error
+        if self.gains.derivative:
+            damping = rate(draft, "error_rate", error, low_pass, self.sample_time)
+            command = command + constant("derivative", self.gains.derivative) * damping
+        if self.holding:
+            command = command + constant("holding", self.holding)
+        f = self.friction
+        if f.tolerance > 0.0 and (f.positive or f.negative):
+            speed = rate(draft, "speed", measured, low_pass, self.sample_time)
+            up, down = (
+                constant("friction_positive", f.positive),
+                constant("friction_negative", -f.negative),
+            )
+            push = by_sign(error, up, down, jumps=True)
+            slow = constant("velocity_tolerance", f.tolerance)
+            command = command + choose(abs(speed), "<", slow, push, 0.0, jumps=True)
+        return (returned(draft, limited(command, self.limits), self.begins[0]),)
 
     def linear(self) -> System:
         """From the error to the command; see :meth:`.Controller.linear`."""
         gains = self.gains
-        rate = Differentiator(self.cutoff, self.sample_time).system()
-        return rate.scaled(np.array([gains.derivative]), np.array([gains.proportional]))
+        speed = differentiator(self.cutoff, self.sample_time)
+        return speed.scaled(np.array([gains.derivative]), np.array([gains.proportional]))
