@@ -12,6 +12,7 @@ from fluidact_fit.control.metrics import StepMetrics, step_metrics
 from fluidact_fit.control.plants.force import ForcePlant
 from fluidact_fit.control.plants.linear import Chain, make_chain
 from fluidact_fit.control.references import Reference
+from fluidact_fit.routines import Argument, Draft
 
 from .table import STEP, row, second_order
 
@@ -35,9 +36,15 @@ def force_step(size: float, steps: int, reading: Reading = "held") -> LoopRespon
         lambda u: (gain * u - rest - level, gain * u - rest + level),
         supply, Port("command", "V"), STEP, position=place,
     )  # fmt: skip
+    draft = Draft("command_for", "Command for a force.", "V")
+    force, at, state = (
+        draft.argument(Argument(name, unit, "of the rod", -1e3, 1e3))
+        for name, unit in (("force", "N"), ("position", "m"), ("direction", "1"))
+    )
+    command_for = draft.returns((force + spring * at + preload + level * state) * (1.0 / gain))
     controller = FeedforwardForceController(
-        lambda f, x, s: ((f + spring * x + preload + level * s) / gain, False),
-        STEP, Smoothing(steps, reading),
+        command_for, Argument("target", "V", "for the force", -1e3, 1e3), STEP,
+        Smoothing(steps, reading),
     )  # fmt: skip
     return run_loop(plant, controller, Reference("step", size=size, at=AT), 1.0, 0.0)
 

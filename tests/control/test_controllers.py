@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp, pi, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,6 @@ from fluidact_fit.control.controllers import (
     FeedforwardForceController,
     Gains,
     ImpedanceController,
-    MotionState,
     PDController,
     Smoothing,
     Travel,
@@ -27,6 +28,7 @@ from fluidact_fit.control.plants.drive import Drive, DrivePlant
 from fluidact_fit.control.references import Reference, SampledReference
 from fluidact_fit.errors import UsageError
 from fluidact_fit.mechanics.friction_law import FrictionLaw
+from fluidact_fit.routines import Argument, Draft, Machine
 
 MASS, DAMPING = 53.7, 1720.5
 
@@ -261,50 +263,56 @@ def test_friction_that_is_known_has_the_sign_of_a_speed_beyond_the_tolerance(
     assert one * 4.0e-4 - two * 3.4e-4 == pytest.approx(due, rel=1e-6)
 
 
-def test_held_smoothing_is_a_straight_line() -> None:
-    smoothing = Smoothing(10)
-    smoothing.begin()
-    assert [smoothing.step(5.0) for _ in range(12)] == pytest.approx(
-        [0.5 * min(i, 10) for i in range(1, 13)]
+def force_controller(smoothing: Smoothing) -> FeedforwardForceController:
+    """With ``u = (F + 2 s + 100 x) / 10``."""
+    draft = Draft("command_for", "A map.", "V")
+    force, place, state = (
+        draft.argument(Argument(name, "1", "made up", -1e3, 1e3))
+        for name in ("force", "position", "direction")
     )
-    smoothing.begin()  # from where it is
-    assert smoothing.step(0.0) == pytest.approx(4.5)
+    command = (force + 2.0 * state + 100.0 * place) * 0.1
+    target = Argument("target", "V", "what command_for gives", -1e3, 1e3)
+    return FeedforwardForceController(draft.returns(command), target, 0.01, smoothing)
+
+
+def commands_for(smoothing: Smoothing, wanted: Sequence[float]) -> list[float]:
+    """Commands without the hysteresis of the map; a force of 10 wants 1."""
+    loop = force_controller(smoothing)
+    return [loop.step({"position": -0.02}, force)[0] for force in wanted]
+
+
+def test_held_smoothing_is_a_straight_line() -> None:
+    found = commands_for(Smoothing(10), [50.0] * 12)
+    assert found == pytest.approx([0.5 * min(i, 10) for i in range(1, 13)])
+    # down again it begins from where it is; unloading wants 0.4 less
+    assert commands_for(Smoothing(10), [50.0] * 12 + [4.0])[-1] == pytest.approx(4.5)
 
 
 def test_recursive_smoothing_is_half_way_long_before_half_time() -> None:
-    smoothing = Smoothing(30, "recursive")
-    smoothing.begin()
-    seen = np.array([smoothing.step(1.0) for _ in range(30)])
+    seen = np.array(commands_for(Smoothing(30, "recursive"), [10.0] * 30))
     rest = np.cumprod(1.0 - np.arange(1, 31) / 30.0)
     np.testing.assert_allclose(seen, 1.0 - rest, atol=1e-12)
     assert int(np.argmax(seen >= 0.98)) + 1 == 14
-    assert seen[-1] == 1.0
+    assert seen[-1] == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("reading", ["held", "recursive"])
-def test_one_step_of_smoothing_is_none(reading: str) -> None:
-    smoothing = Smoothing(1, reading)  # type: ignore[arg-type]
-    smoothing.begin()
-    assert smoothing.step(3.0) == 3.0
+def test_one_step_of_smoothing_is_none(reading: Any) -> None:
+    assert commands_for(Smoothing(1, reading), [30.0]) == pytest.approx([3.0])
 
 
 def test_motion_state_is_held() -> None:
-    state = MotionState()
-    assert [state.step(v) for v in (1.0, 1.0, 0.5, 0.5, 0.6)] == [1, 1, -1, -1, 1]
+    machine = Machine(force_controller(Smoothing(1)).routines()[0])
+    found = [float(machine(wanted=v)[0]) for v in (1.0, 1.0, 0.5, 0.5, 0.6)]
+    assert found == [1.0, 1.0, -1.0, -1.0, 1.0]
 
 
 def test_force_controller_asks_the_branch_of_its_motion_state() -> None:
-    controller = FeedforwardForceController(
-        lambda f, x, s: ((f + 2.0 * s + 100.0 * x) / 10.0, False), 0.01, Smoothing(2),
-        lambda u, x, s: 10.0 * u - 2.0 * s - 100.0 * x,
-    )  # fmt: skip
-    at = {"position": 0.1}
+    controller, at = force_controller(Smoothing(2)), {"position": 0.1}
     assert controller.step(at, 28.0) == pytest.approx((2.0,))  # half of 4.0
-    assert controller.observed == pytest.approx(8.0)
     assert controller.step(at, 28.0) == pytest.approx((4.0,))
     assert controller.step(at, 22.0) == pytest.approx((3.5,))  # half-way to 3.0
     assert controller.step(at, 22.0) == pytest.approx((3.0,))
-    assert controller.observed == pytest.approx(22.0)
 
 
 def test_what_no_solver_resolves_is_none() -> None:

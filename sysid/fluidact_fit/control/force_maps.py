@@ -58,14 +58,6 @@ class ForceMaps:
         drive = min(max(float(found), target.low), target.high)
         return (drive - offset) / gain, bool(outside) or drive != float(found)
 
-    def force_of(self, command: float, place: float, state: float) -> float:
-        """Force [N] of a command that has been applied for long."""
-        return self._forward(self.gain * command + self.offset, place, state)
-
-    @cached_property
-    def _forward(self) -> ForceMap:
-        return forward_of(self.forward)
-
     def inverse_routine(self) -> tuple[Routine, Argument]:
         """Return the routine from a force to its drive or command, and the name of its output.
 

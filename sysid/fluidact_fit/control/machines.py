@@ -23,11 +23,11 @@ from .controller_file import (
     place_of,
 )
 from .controllers import (
-    Controller,
     FeedforwardForceController,
     Gains,
     ImpedanceController,
     PDController,
+    RoutineController,
     Smoothing,
     Travel,
 )
@@ -63,7 +63,7 @@ def make_plant(file: ControllerFile, blocks: Sequence[Block]) -> Plant:
 
 def make_controller(
     file: ControllerFile, blocks: Sequence[Block], plant: Plant, start: float | None = None
-) -> Controller:
+) -> RoutineController:
     """The controller of the file, its gains and compensation from the blocks it knows.
 
     Parameters
@@ -221,7 +221,7 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
 def _pd(
     file: ControllerFile, keys: PDKeys, plant: Plant, travel: Travel,
     limits: tuple[float, float], start: float,
-) -> Controller:  # fmt: skip
+) -> RoutineController:  # fmt: skip
     drive = plant.drive if isinstance(plant, DrivePlant) else None
     if drive is None and (keys.damping_ratio is not None or keys.friction != "none"):
         raise UsageError(
@@ -291,7 +291,7 @@ def _gains(keys: PDKeys, drive: Drive) -> Gains:
 def _impedance(
     file: ControllerFile, keys: ImpedanceKeys, cylinder: Cylinder, travel: Travel,
     limits: tuple[float, float],
-) -> Controller:  # fmt: skip
+) -> RoutineController:  # fmt: skip
     assert keys.stiffness is not None
     if keys.damping is not None:
         wanted = Impedance(keys.stiffness, keys.damping)
@@ -340,12 +340,12 @@ def _overdamped(wanted: float | None, ratio: float) -> Iterator[str]:
 def _force(
     file: ControllerFile, keys: ForceKeys, parts: Parts, travel: Travel,
     limits: tuple[float, float], start: float,
-) -> Controller:  # fmt: skip
+) -> RoutineController:  # fmt: skip
     maps = force_maps(parts)
     command, _ = maps.command_for(start, file.machine.position, 1.0)
     begins = Start(start, min(max(command, limits[0]), limits[1]))
     smoothing = Smoothing(keys.smoothing_steps, "held" if keys.smoothing == "held" else "recursive")
     return FeedforwardForceController(
-        maps.command_for, file.sample_time, smoothing, maps.force_of, travel=travel,
-        limits=limits, start=begins,
+        *maps.inverse_routine(), file.sample_time, smoothing, supply=maps.to_command,
+        travel=travel, limits=limits, start=begins,
     )  # fmt: skip

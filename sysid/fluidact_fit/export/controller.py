@@ -12,16 +12,11 @@ from ..control.controller_file import ControllerFile, read_controller_file
 from ..control.controller_numbers import numbers_of
 from ..control.controllers import (
     Controller,
-    FeedforwardForceController,
-    RoutineController,
 )
-from ..control.force_maps import force_maps
 from ..control.machines import make_controller, make_plant
 from ..control.margins import loop_margins
-from ..control.parts import sort_parts
 from ..control.plants.base import Plant
 from ..errors import UsageError
-from ..routines import Routine
 from .target import Arithmetic, Code, Entry, Origin, file_stem, plain_text, remarks_of, safe_name
 
 
@@ -45,18 +40,12 @@ def controller_code(
             f"no parameter file holds a range of {travel.role!r}, which the controller measures",
             remedy="Give machine.travel_from and machine.travel_to in the controller file.",
         )
-    if isinstance(controller, FeedforwardForceController):
-        maps = force_maps(sort_parts(file.kind, blocks))
-        found, target = maps.inverse_routine()
-        routines: tuple[Routine, ...] = controller.routines(found, target, maps.to_command, command)
-    else:
-        assert isinstance(controller, RoutineController)
-        routines = controller.routines(command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
     remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
     remarks += [*controller.unreached, *_beginning(file, controller, command)]
     return Code(
-        safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
+        safe_name(name), file_stem(name), f"{file.kind} controller of {families}",
+        controller.routines(command),
         arithmetic, tuple(map(plain_text, remarks)),
         tuple(Entry(*number) for number in numbers_of(controller, travel.unit, command)),
         origin=tuple(origins),

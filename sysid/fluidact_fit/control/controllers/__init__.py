@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .base import Controller, RoutineController, Travel
-from .force import FeedforwardForceController, MotionState, Smoothing
+from .force import FeedforwardForceController, Smoothing
 from .impedance import ImpedanceController
 from .pd import Gains, PDController
 
@@ -12,7 +12,6 @@ __all__ = [
     "FeedforwardForceController",
     "Gains",
     "ImpedanceController",
-    "MotionState",
     "PDController",
     "RoutineController",
     "Smoothing",
