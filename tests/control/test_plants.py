@@ -29,7 +29,7 @@ from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPl
 from fluidact_fit.families.transfer.block import TransferFunction
 from fluidact_fit.mechanics.friction_law import FrictionLaw
 from fluidact_fit.mechanics.hybrid import first_negative
-from fluidact_fit.mechanics.hydraulic_cylinder import GRAY_NAMES, Machine
+from fluidact_fit.mechanics.hydraulic_cylinder import GRAY_NAMES, HydraulicMachine
 from fluidact_fit.mechanics.tissue import Tissue
 
 FORCE, PLACE = Port("force", "N"), Port("position", "m")
@@ -406,7 +406,7 @@ def test_friction_that_rises_at_low_speed_sets_the_steady_speed() -> None:
     assert plant.measure()["speed"] > 0.0
 
 
-CYLINDER = Machine(4.9e-4, 2.4e-4, 1.2e-4, 1.0e-4, 14.5, 5e6, 0.0)
+CYLINDER = HydraulicMachine(4.9e-4, 2.4e-4, 1.2e-4, 1.0e-4, 14.5, 5e6, 0.0)
 
 
 def hydraulic(coulomb: float = 0.0, viscous: float = 0.0) -> HydraulicPlant:

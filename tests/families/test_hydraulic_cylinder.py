@@ -37,7 +37,7 @@ from fluidact_fit.families.hydraulic_cylinder.windows import mean_command
 from fluidact_fit.logs import StepInput
 from fluidact_fit.mechanics.hydraulic_cylinder import (
     GRAY_NAMES,
-    Machine,
+    HydraulicMachine,
     chamber_flow,
     orifice_flow,
 )
@@ -58,7 +58,7 @@ GIVEN: dict[str, Any] = {
     "mass": 14.54,
     "supply_pressure": 50e5,
 }
-MACHINE = Machine(*(GIVEN[n] for n in (
+MACHINE = HydraulicMachine(*(GIVEN[n] for n in (
     "area_1", "area_2", "dead_volume_1", "dead_volume_2", "mass", "supply_pressure"
 )))  # fmt: skip
 ROLES = ("command", "pressure_1", "pressure_2", "position")
@@ -769,7 +769,7 @@ def steady_pressures(u: float) -> tuple[float, float]:
 
 def test_rest_balances_the_forces_half_way_between_supply_and_tank() -> None:
     for area_2 in (4.91e-4, 2.37e-4):
-        machine = Machine(4.91e-4, area_2, supply=60e5, tank=2e5)
+        machine = HydraulicMachine(4.91e-4, area_2, supply=60e5, tank=2e5)
         p1, p2, y, v = machine.at_rest(0.07)
         assert p1 * 4.91e-4 == pytest.approx(p2 * area_2)
         assert (y, v) == (0.07, 0.0)

@@ -31,9 +31,9 @@ from fluidact_fit.control.plants.hydraulic import HydraulicPlant
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
-from fluidact_fit.mechanics.hydraulic_cylinder import Machine
+from fluidact_fit.mechanics.hydraulic_cylinder import HydraulicMachine
 from fluidact_fit.result import FitResult
-from fluidact_fit.routines import Machine as Interpreter
+from fluidact_fit.routines import Machine
 
 RISING = {**spring.TRUTH, "stribeck": 2.0, "stribeck_speed": 0.004}
 PLANT = replace(hydraulic.Plant(), coulomb=200.0, stiction=100.0, shape=2.0)
@@ -220,7 +220,7 @@ def test_a_controller_gets_the_rise(tmp_path: Path) -> None:
     routine = next(r for r in block.routines() if r.name == "command_for")
     given = {"force": np.full(41, 40.0), "position": np.full(41, 0.01),
              "direction": np.ones(41), "velocity": v}  # fmt: skip
-    calculated, _ = Interpreter(routine)(**{a.name: given[a.name] for a in routine.arguments})
+    calculated, _ = Machine(routine)(**{a.name: given[a.name] for a in routine.arguments})
     assert np.allclose(calculated, command, rtol=1e-9)
 
 
@@ -247,8 +247,10 @@ def test_the_command_line_estimates_it(tmp_path: Path) -> None:
 # --------------------------------------------------------------------- hydraulic cylinder
 
 
-def machine(m: hydraulic.Plant) -> Machine:
-    return Machine(m.area_1, m.area_2, m.dead_volume_1, m.dead_volume_2, m.mass, m.supply, m.tank)
+def machine(m: hydraulic.Plant) -> HydraulicMachine:
+    return HydraulicMachine(
+        m.area_1, m.area_2, m.dead_volume_1, m.dead_volume_2, m.mass, m.supply, m.tank
+    )
 
 
 def slow_and_fast(m: hydraulic.Plant, samples: int = 500) -> tuple[FloatArray, FloatArray]:
@@ -335,7 +337,7 @@ def test_the_rise_of_a_hydraulic_cylinder_is_found_and_estimated(tmp_path: Path)
     level = float(block.friction(1e-9))
     assert level == pytest.approx(300.0, rel=0.02)
     routine = next(r for r in block.routines() if r.name == "friction")
-    assert float(Interpreter(routine)(velocity=1e-9)[0]) == pytest.approx(level, rel=1e-9)
+    assert float(Machine(routine)(velocity=1e-9)[0]) == pytest.approx(level, rel=1e-9)
 
 
 def test_strong_stick_slip_is_followed_to_the_best_minimum() -> None:

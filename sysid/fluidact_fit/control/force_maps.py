@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 from ..block import Port
 from ..errors import UsageError
 from ..routines import Argument, Machine, Routine
-from .controllers.force import ForceMap
+from .controllers.force import ForceMap, ask
 from .parts import Parts, refuse, supplies_of
 
 
@@ -38,25 +37,6 @@ class ForceMaps:
         A network of the command gives the command itself.
         """
         return (self.gain, self.offset) if self.inverse is self.forward else (1.0, 0.0)
-
-    @cached_property
-    def _inverse(self) -> tuple[Machine, Argument]:
-        """Return the function from a force to its drive or command, with its range."""
-        routine, target = self.inverse_routine()
-        return Machine(routine), target
-
-    def command_for(self, force: float, place: float, state: float) -> tuple[float, bool]:
-        """Command for a force [N] at a position [m] in a motion state, as exports compute it.
-
-        Beside it stands whether anything was clamped.
-        """
-        machine, target = self._inverse
-        known = {"force": force, "position": place, "direction": state}
-        given = {a.name: known.get(a.name, 0.0) for a in machine.routine.arguments}
-        gain, offset = self.to_command
-        found, outside = machine(**given)
-        drive = min(max(float(found), target.low), target.high)
-        return (drive - offset) / gain, bool(outside) or drive != float(found)
 
     def inverse_routine(self) -> tuple[Routine, Argument]:
         """Return the routine from a force to its drive or command, and the name of its output.
@@ -112,10 +92,9 @@ def forward_of(block: Any) -> ForceMap:
     """Force of a drive, position and motion state: what exports of the block give for them."""
     routine: Routine = block.routines()[0]
     machine, role = Machine(routine), block.input.role
-    names = [a.name for a in routine.arguments]
 
     def force(drive: float, position: float, state: float) -> float:
         known = {role: drive, "position": position, "direction": state}
-        return float(machine(**{name: known.get(name, 0.0) for name in names})[0])
+        return float(ask(machine, known)[0])
 
     return force

@@ -13,8 +13,9 @@ from typing import Any
 from ..block import Block, Port
 from ..errors import UsageError
 from ..mechanics.friction_law import FrictionLaw
-from ..mechanics.hydraulic_cylinder import Machine
+from ..mechanics.hydraulic_cylinder import HydraulicMachine
 from ..mechanics.tissue import Tissue
+from ..routines import Machine
 from .controller_file import (
     ControllerFile,
     ForceKeys,
@@ -31,7 +32,7 @@ from .controllers import (
     Smoothing,
     Travel,
 )
-from .controllers.force import Start
+from .controllers.force import Start, ask
 from .controllers.impedance import Impedance, KnownFriction, Pressures
 from .controllers.pd import StaticFriction
 from .force_maps import force_block, force_maps, forward_of
@@ -150,7 +151,7 @@ def _limits(block: Block) -> Limits:
     return UNLIMITED if known is None else (known.low, known.high)
 
 
-def hydraulic_cylinder(block: Any) -> tuple[Machine, dict[str, float]]:
+def hydraulic_cylinder(block: Any) -> tuple[HydraulicMachine, dict[str, float]]:
     """What is given of a cylinder and its parameters, where both flows and all volumes are known.
 
     Raises
@@ -158,7 +159,7 @@ def hydraulic_cylinder(block: Any) -> tuple[Machine, dict[str, float]]:
     UsageError
         When the file does not say how the pressures come about.
     """
-    machine: Machine = block.machine
+    machine: HydraulicMachine = block.machine
     if not (machine.complete and {"valve_gain_1", "valve_gain_2"} <= set(block.parameters)):
         raise UsageError(
             "the file of the hydraulic cylinder does not say how its pressures come about",
@@ -342,10 +343,13 @@ def _force(
     limits: tuple[float, float], start: float,
 ) -> RoutineController:  # fmt: skip
     maps = force_maps(parts)
-    command, _ = maps.command_for(start, file.machine.position, 1.0)
+    (routine, target), (gain, offset) = maps.inverse_routine(), maps.to_command
+    known = {"force": start, "position": file.machine.position, "direction": 1.0}
+    drive = min(max(float(ask(Machine(routine), known)[0]), target.low), target.high)
+    command = (drive - offset) / gain
     begins = Start(start, min(max(command, limits[0]), limits[1]))
     smoothing = Smoothing(keys.smoothing_steps, "held" if keys.smoothing == "held" else "recursive")
     return FeedforwardForceController(
-        *maps.inverse_routine(), file.sample_time, smoothing, supply=maps.to_command,
-        travel=travel, limits=limits, start=begins,
+        routine, target, file.sample_time, smoothing, supply=(gain, offset), travel=travel,
+        limits=limits, start=begins,
     )  # fmt: skip

@@ -80,7 +80,7 @@ ROUTINES = Arithmetic(
 
 
 @dataclass(frozen=True)
-class Machine:
+class HydraulicMachine:
     """Given data, not estimated: areas [m2], volumes [m3], mass [kg], pressures [Pa].
 
     ``None`` where nobody said.
@@ -186,7 +186,7 @@ def orifice_flow(command: Any, drop: Any, gain: Any, loss: Any, kind: Arithmetic
 
 
 def chamber_flow(
-    chamber: int, command: Any, pressure: Any, values: Values, machine: Machine,
+    chamber: int, command: Any, pressure: Any, values: Values, machine: HydraulicMachine,
     kind: Arithmetic = ARRAYS,
 ) -> Any:  # fmt: skip
     """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4 [m3/s].
@@ -202,7 +202,7 @@ def chamber_flow(
     return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss, kind)
 
 
-def parameter_vector(values: Values, machine: Machine) -> FloatArray:
+def parameter_vector(values: Values, machine: HydraulicMachine) -> FloatArray:
     """Parameters of :data:`SYSTEM`, ``(p,)``; a file without a Stribeck rise has none."""
     absent = {**dict.fromkeys((*STRIBECK, LEAKAGE, LOAD, AIR), 0.0), EXPONENT: 2.0}
     numbers = {n: float(values.get(n, absent[n]) if n in absent else values[n]) for n in THETA}
@@ -231,7 +231,7 @@ def _rates(x: Any, u: Any, p: Any, way: Any) -> list[Any]:
     import casadi as ca
 
     v = _named(p)
-    machine = Machine(*(v[name] for name in _GIVEN))
+    machine = HydraulicMachine(*(v[name] for name in _GIVEN))
     symbols = Arithmetic(lambda of, yes, no: ca.if_else(of >= 0.0, yes, no), ca.sqrt, _ROUND)
 
     def stiffness(pressure: Any) -> Any:

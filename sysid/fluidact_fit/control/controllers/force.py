@@ -25,9 +25,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
-from ...routines import Argument, Draft, Expression, Operand, Routine, choose, constant, minimum
+from ...routines import (
+    Argument,
+    Draft,
+    Expression,
+    Machine,
+    Operand,
+    Routine,
+    choose,
+    constant,
+    minimum,
+)
 from .base import RoutineController, Travel
 from .routines import arguments, limited
 
@@ -101,8 +111,7 @@ class FeedforwardForceController(RoutineController):
         direction, command_for, smoothed = self._machines
         state, clamped = direction(wanted=reference)
         known = {"force": reference, "position": measured["position"], "direction": state}
-        names = [a.name for a in command_for.routine.arguments]
-        target, beyond = command_for(**{name: known.get(name, 0.0) for name in names})
+        target, beyond = ask(command_for, known)
         command, outside = smoothed(wanted=reference, target=target)
         self.outside = bool(clamped) or bool(beyond) or bool(outside)
         return (float(command),)
@@ -131,6 +140,11 @@ class FeedforwardForceController(RoutineController):
         share = draft.let("share", count * constant("per_steps", 1.0 / steps))
         draft.put(now, base * (1.0 - share) + goal * share)
         return draft.returns(now)
+
+
+def ask(machine: Machine, known: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Output of a map for what is known by name, all else being zero, and its flag."""
+    return machine(**{a.name: known.get(a.name, 0.0) for a in machine.routine.arguments})
 
 
 def _direction(reference: Argument, start: Start) -> Routine:

@@ -16,7 +16,7 @@ from ...errors import UsageError
 from ...estimation.sampled import Sampled, sample
 from ...mechanics.coupled import InPlace, linearised, motion
 from ...mechanics.hybrid import check_steps
-from ...mechanics.hydraulic_cylinder import EDGES, SYSTEM, Machine, parameter_vector
+from ...mechanics.hydraulic_cylinder import EDGES, SYSTEM, HydraulicMachine, parameter_vector
 from .base import UNLIMITED, Limits, Plant
 
 _OPENING = 1e-3  # of the valve beyond its dead zone, where the cylinder is taken for linear [V]
@@ -32,8 +32,8 @@ class HydraulicPlant(Plant):
     """
 
     def __init__(
-        self, machine: Machine, values: Mapping[str, float], command: Port, sample_time: float,
-        *, limits: Limits = UNLIMITED,
+        self, machine: HydraulicMachine, values: Mapping[str, float], command: Port,
+        sample_time: float, *, limits: Limits = UNLIMITED,
     ) -> None:  # fmt: skip
         self.machine, self.sample_time, self.limits = machine, sample_time, (limits,)
         self.commands, self.controlled = (command,), Port("position", "m")

@@ -9,7 +9,7 @@ from ...block import Block, DryDriveBlock, FlowBlock, LinearBlock, LinearModel, 
 from ...control.machines import hydraulic_cylinder
 from ...errors import UsageError
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import Machine
+from ...mechanics.hydraulic_cylinder import HydraulicMachine
 from ...routines import Argument
 from ..c.language import DOUBLE
 from ..c.writer import Writer
@@ -188,7 +188,7 @@ def _add_cylinder(model: Model, block: FlowBlock, name: str) -> None:
     ]
 
 
-def _cylinder_constants(m: Machine, values: Mapping[str, float]) -> list[str]:
+def _cylinder_constants(m: HydraulicMachine, values: Mapping[str, float]) -> list[str]:
     law, places = FrictionLaw.of(values), (1, 2)
     pairs = {
         "area": [m.area(i) for i in places], "volume": [m.dead_volume(i) or 0.0 for i in places],

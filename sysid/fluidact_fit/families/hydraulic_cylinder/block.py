@@ -20,7 +20,7 @@ from ...estimation.named_model import Values
 from ...estimation.scaled_network import ScaledNetwork
 from ...experiment import Experiment, FloatArray
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, ROUTINES, Machine, chamber_flow
+from ...mechanics.hydraulic_cylinder import EDGES, LOSSES, ROUTINES, HydraulicMachine, chamber_flow
 from ...routines import (
     Argument,
     Draft,
@@ -56,7 +56,7 @@ class HydraulicBlock(FlowBlock):
         return known_chambers(self.parameters)
 
     @cached_property
-    def machine(self) -> Machine:
+    def machine(self) -> HydraulicMachine:
         """What is given of the machine (``UsageError`` where the file lacks what it needs)."""
         return read_machine(self._options, self._known)
 

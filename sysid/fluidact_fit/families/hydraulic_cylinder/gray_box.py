@@ -26,7 +26,7 @@ from ...estimation.uncertainty import (
 from ...experiment import Experiment, FloatArray
 from ...mechanics.coupled import InPlace, motion
 from ...mechanics.friction_law import FrictionLaw
-from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, Machine, parameter_vector
+from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, HydraulicMachine, parameter_vector
 from ...signals import smooth
 from .windows import mean_command
 
@@ -79,7 +79,7 @@ class GrayLog:
         return out
 
 
-def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
+def make_gray_log(e: Experiment, machine: HydraulicMachine) -> GrayLog:
     """Prepare one experiment: measured channels and a first guess of all four states."""
     half = max(2, round(0.006 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, 2 * half, 3)
@@ -106,12 +106,12 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
 class GrayBox:
     """A machine, followed in so many Runge-Kutta steps per sample."""
 
-    machine: Machine
+    machine: HydraulicMachine
     steps: int
 
     @classmethod
     def following(
-        cls, logs: Sequence[GrayLog], machine: Machine, viscous: float, fall: float
+        cls, logs: Sequence[GrayLog], machine: HydraulicMachine, viscous: float, fall: float
     ) -> GrayBox:
         """With steps that follow the logs.
 
@@ -363,7 +363,11 @@ def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatAr
 
 
 def follow(
-    e: Experiment, machine: Machine, values: Values, start: FloatArray, sigma: Sequence[float]
+    e: Experiment,
+    machine: HydraulicMachine,
+    values: Values,
+    start: FloatArray,
+    sigma: Sequence[float],
 ) -> FloatArray:
     """States of one experiment, ``(n, 4)``.
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import LogError, UsageError
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Request, Variant
-from ...mechanics.hydraulic_cylinder import SIGN, Machine
+from ...mechanics.hydraulic_cylinder import SIGN, HydraulicMachine
 from ...signals import smooth
 from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows
@@ -55,7 +55,7 @@ class Setup:
     variant: Variant
     experiments: Sequence[Experiment]
     request: Request[HydraulicCylinderOptions]
-    machine: Machine
+    machine: HydraulicMachine
     chambers: tuple[int, ...]
     window: float
 
@@ -110,7 +110,7 @@ def _holds_both(e: Experiment) -> bool:
     return all(role in e for role in _PRESSURES)
 
 
-def _friction_windows(e: Experiment, machine: Machine) -> tuple[FloatArray, FloatArray]:
+def _friction_windows(e: Experiment, machine: HydraulicMachine) -> tuple[FloatArray, FloatArray]:
     """Windows of about 10 ms; without a mass those in which the speed hardly changes."""
     half = max(2, round(0.01 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, half, 3)
@@ -125,7 +125,7 @@ def _friction_windows(e: Experiment, machine: Machine) -> tuple[FloatArray, Floa
     return speed[rows], smoothed[rows]
 
 
-def _paired_plateaus(windows: Sequence[Windows], machine: Machine) -> FrictionRows:
+def _paired_plateaus(windows: Sequence[Windows], machine: HydraulicMachine) -> FrictionRows:
     """Combine logs of one chamber each: plateaus at the same command belong together."""
     means: dict[tuple[int, float], list[tuple[float, float]]] = {}
     for w in windows:
@@ -174,7 +174,7 @@ def make_setup(
     return Setup(variant, experiments, request, machine, chambers, window)
 
 
-def _check_pressures(machine: Machine, experiments: Sequence[Experiment]) -> None:
+def _check_pressures(machine: HydraulicMachine, experiments: Sequence[Experiment]) -> None:
     """Refuse pressures far above the supply, and those that seem to be swapped.
 
     A rod side multiplies the supply by a few. ``p_1 A_1 - p_2 A_2`` moves the mass against
@@ -207,7 +207,7 @@ def known_chambers(names: Collection[str]) -> list[int]:
     return [i for i in (1, 2) if f"valve_gain_{i}" in names]
 
 
-def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> Machine:
+def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> HydraulicMachine:
     """Read what is given.
 
     Raises
@@ -241,7 +241,7 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
             f"{o.area_1:g} m2: the rod takes area off chamber 2",
             remedy="Correct --area-1 or --area-2 (m2), or exchange the chambers.",
         )
-    machine = Machine(
+    machine = HydraulicMachine(
         o.area_1, o.area_2, o.dead_volume_1, o.dead_volume_2, o.mass, supply, o.tank_pressure
     )
     if o.stage == "gray-box" and not machine.complete:
@@ -252,7 +252,7 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
     return machine
 
 
-def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:
+def check_volumes(machine: HydraulicMachine, experiments: Sequence[Experiment]) -> None:
     """Refuse dead volumes that would leave a chamber without oil.
 
     Raises

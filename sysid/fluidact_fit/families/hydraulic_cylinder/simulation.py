@@ -1,7 +1,7 @@
 """Position from the inputs, as the fit settled it: all states, or the flow over windows.
 
 A run without position starts from rest at the mean position of the fitted logs. Rest leaves the
-pressures open but for their balance; see :meth:`.Machine.at_rest`.
+pressures open but for their balance; see :meth:`.HydraulicMachine.at_rest`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ...errors import LogError, UsageError
 from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated
-from ...mechanics.hydraulic_cylinder import Machine
+from ...mechanics.hydraulic_cylinder import HydraulicMachine
 from .gray_box import CHANNELS, follow
 from .options import HydraulicCylinderOptions
 from .setup import check_volumes, known_chambers, read_machine
@@ -88,7 +88,7 @@ def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
     )
 
 
-def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
+def _require_oil(e: Experiment, machine: HydraulicMachine, position: FloatArray) -> None:
     """Refuse a run in which the piston uses up a chamber, or runs away."""
     full = np.isfinite(position)
     for chamber in (1, 2):
@@ -106,7 +106,7 @@ def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
 
 
 def _over_windows(
-    e: Experiment, chambers: Sequence[int], machine: Machine, values: Values, length: float
+    e: Experiment, chambers: Sequence[int], machine: HydraulicMachine, values: Values, length: float
 ) -> FloatArray:
     """Position by integrating the flow over rows of windows, each about its measured mean.
 
@@ -126,7 +126,7 @@ def _over_windows(
 
 
 def _flow_from_rest(
-    e: Experiment, chamber: int, machine: Machine, values: Values, start: float
+    e: Experiment, chamber: int, machine: HydraulicMachine, values: Values, start: float
 ) -> FloatArray:
     """Position by integrating the flow of one chamber from beginning to end."""
     u, p, area = mean_command(e), e.sampled(f"pressure_{chamber}"), machine.area(chamber)

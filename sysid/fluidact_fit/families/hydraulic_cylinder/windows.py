@@ -13,7 +13,7 @@ from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
 from ...estimation.noise import noise_floor
 from ...experiment import Array, BoolArray, Experiment, FloatArray
-from ...mechanics.hydraulic_cylinder import Machine, chamber_flow
+from ...mechanics.hydraulic_cylinder import HydraulicMachine, chamber_flow
 
 _LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
 _STEADY = 0.01 * 0.7e9 / 0.5  # Pa/m: 1 % of the motion, compressing half a metre of oil of 0.7 GPa
@@ -30,7 +30,7 @@ class Windows:
     index: int
     experiment: Experiment
     chamber: int
-    machine: Machine
+    machine: HydraulicMachine
     first: Rows
     samples: int
 
@@ -118,7 +118,7 @@ def mean_command(e: Experiment) -> FloatArray:
 
 
 def mean_flow(
-    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
+    chamber: int, command: Array, pressure: Array, values: Values, machine: HydraulicMachine
 ) -> Array:
     """`chamber_flow` over the intervals between ``(n,)`` pressures, mean of that at both ends."""
     ends = pressure[:-1], pressure[1:]
@@ -127,8 +127,8 @@ def mean_flow(
 
 
 def cut_windows(
-    experiments: Sequence[Experiment], chambers: Sequence[int], machine: Machine, length: float,
-    overlap: int = 1,
+    experiments: Sequence[Experiment], chambers: Sequence[int], machine: HydraulicMachine,
+    length: float, overlap: int = 1,
 ) -> list[Windows]:  # fmt: skip
     """Windows of so many seconds of every recorded chamber that say something of the valve.
 
