@@ -51,8 +51,8 @@ class System:
         return np.asarray(np.moveaxis(states[..., 0] @ self.c.T + self.d, -1, 0))
 
 
-class Butterworth:
-    """Low-pass filter of second order with gain 1 at rest.
+def butterworth(cutoff: float, sample_time: float) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator ``(3,)`` of the low-pass filter, rising powers of ``1/z``.
 
     Parameters
     ----------
@@ -66,33 +66,24 @@ class Butterworth:
     UsageError
         When the cut-off frequency is not between 0 and half the sampling frequency.
     """
-
-    def __init__(self, cutoff: float, sample_time: float) -> None:
-        if not 0.0 < cutoff * sample_time < 0.5:
-            raise UsageError(
-                f"a filter cannot cut off at {cutoff:g} Hz in steps of {sample_time:g} s",
-                expected=f"Expected a frequency between 0 and {0.5 / sample_time:g} Hz, half the "
-                "sampling frequency.",
-            )
-        k = tan(pi * cutoff * sample_time)
-        scale = 1.0 + sqrt(2.0) * k + k * k
-        b = k * k / scale
-        self.numerator = (b, 2.0 * b, b)
-        self.denominator = (1.0, 2.0 * (k * k - 1.0) / scale, (1.0 - sqrt(2.0) * k + k * k) / scale)
-
-    def response(self, z: complex) -> complex:
-        """Return ``H(z)``."""
-        b, a = self.numerator, self.denominator
-        return (b[0] + (b[1] + b[2] / z) / z) / (a[0] + (a[1] + a[2] / z) / z)
+    if not 0.0 < cutoff * sample_time < 0.5:
+        raise UsageError(
+            f"a filter cannot cut off at {cutoff:g} Hz in steps of {sample_time:g} s",
+            expected=f"Expected a frequency between 0 and {0.5 / sample_time:g} Hz, half the "
+            "sampling frequency.",
+        )
+    k = tan(pi * cutoff * sample_time)
+    scale = 1.0 + sqrt(2.0) * k + k * k
+    falls = 2.0 * (k * k - 1.0) / scale, (1.0 - sqrt(2.0) * k + k * k) / scale
+    return k * k / scale * np.array([1.0, 2.0, 1.0]), np.array([1.0, *falls])
 
 
 def differentiator(cutoff: float, sample_time: float) -> System:
-    """Rate of change of a signal: difference between samples, then :class:`Butterworth`.
+    """Rate of change of a signal: difference between samples, then :func:`butterworth`.
 
     The states are the last sample and those of the filter.
     """
-    low_pass = Butterworth(cutoff, sample_time)
-    b, a = low_pass.numerator, low_pass.denominator
+    b, a = butterworth(cutoff, sample_time)
     difference = np.array([-1.0, 0.0, 0.0]) / sample_time
     output = b[0] * difference + np.array([0.0, 1.0, 0.0])
     matrix = np.zeros((3, 3))

@@ -25,7 +25,7 @@ from typing import Self
 import numpy as np
 
 from ...routines import Argument, Draft, Machine, Routine, choose, constant
-from ..filters import Butterworth, System, differentiator
+from ..filters import System, differentiator
 from .base import RoutineController, Travel
 from .routines import arguments, limited, rate, returned
 
@@ -95,14 +95,13 @@ class ImpedanceController(RoutineController):
         about = "Force that is wanted at this sample."
         draft = Draft("force", about, "N", self.sample_time, careful=True)
         reference, measured = map(draft.argument, arguments(self.travel))
-        low_pass = Butterworth(self.cutoff, self.sample_time)
         z, f = self.impedance, self.friction
         coulomb = f.coulomb_positive or f.coulomb_negative
         force = constant("stiffness", z.stiffness) * (reference - measured)
         if z.damping or f.viscous or coulomb:
-            speed = rate(draft, "speed", measured, low_pass, self.sample_time)
+            speed = rate(draft, "speed", measured, self.cutoff, self.sample_time)
         if z.damping:
-            wanted = rate(draft, "wanted_speed", reference, low_pass, self.sample_time)
+            wanted = rate(draft, "wanted_speed", reference, self.cutoff, self.sample_time)
             force = force + constant("damping", z.damping) * (wanted - speed)
         if f.viscous:
             force = force + constant("viscous", f.viscous) * speed

@@ -34,7 +34,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...routines import Draft, Routine, by_sign, choose, constant
-from ..filters import Butterworth, System, differentiator
+from ..filters import System, differentiator
 from .base import RoutineController, Travel
 from .routines import arguments, limited, rate, returned
 
@@ -157,16 +157,15 @@ class PDController(RoutineController):
         draft = Draft("step", "Command of this sample.", unit, self.sample_time, careful=True)
         reference, measured = map(draft.argument, arguments(self.travel))
         error = draft.let("error", reference - measured)
-        low_pass = Butterworth(self.cutoff, self.sample_time)
         command = constant("proportional", self.gains.proportional) * error
         if self.gains.derivative:
-            damping = rate(draft, "error_rate", error, low_pass, self.sample_time)
+            damping = rate(draft, "error_rate", error, self.cutoff, self.sample_time)
             command = command + constant("derivative", self.gains.derivative) * damping
         if self.holding:
             command = command + constant("holding", self.holding)
         f = self.friction
         if f.tolerance > 0.0 and (f.positive or f.negative):
-            speed = rate(draft, "speed", measured, low_pass, self.sample_time)
+            speed = rate(draft, "speed", measured, self.cutoff, self.sample_time)
             up, down = (
                 constant("friction_positive", f.positive),
                 constant("friction_negative", -f.negative),

@@ -19,7 +19,7 @@ from ...routines import (
     minimum,
 )
 from ...routines.routine import as_matrix
-from ..filters import Butterworth
+from ..filters import butterworth
 from .base import Travel
 
 
@@ -32,7 +32,7 @@ def arguments(travel: Travel) -> tuple[Argument, Argument]:
     )
 
 
-def rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, period: float) -> Name:
+def rate(draft: Draft, name: str, value: Expression, cutoff: float, period: float) -> Name:
     """Rate of change of a value: difference, then the filter in the form of a state space."""
     last, begun = draft.state(f"{name}_last"), draft.state(f"{name}_begun")
     now = draft.let(f"{name}_of", value)
@@ -41,7 +41,7 @@ def rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, peri
     draft.put(last, now)
     draft.put(begun, 1.0)
     draft.interrupt(begun, 0.0)  # the next reading is a first one again
-    b, a = np.array(low_pass.numerator), np.array(low_pass.denominator)
+    b, a = butterworth(cutoff, period)
     matrix = np.array([[-a[1], 1.0], [-a[2], 0.0]])  # the transposed direct form
     return draft.filter(
         Filter(
