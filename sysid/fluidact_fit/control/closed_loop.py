@@ -222,7 +222,7 @@ def simulate_loop(
     for _ in range(draws):
         other = build([draw_document(d, b.variant, rng) for d, b in zip(documents, blocks)])
         machine = make_plant(file, other)
-        margins += filter(None, [_margins(machine, controller)])
+        margins += filter(None, [loop_margins(machine, controller)])
         try:
             drawn.append(run_loop(machine, controller, course, span, start))
         except UsageError:
@@ -239,16 +239,9 @@ def simulate_loop(
         )
     return ClosedLoop(
         plant, controller, nominal, tuple(drawn), failed, metrics,
-        tracking_metrics(nominal.reference, nominal.output), _margins(plant, controller),
+        tracking_metrics(nominal.reference, nominal.output), loop_margins(plant, controller),
         tuple(margins), tuple(extrapolations(blocks, plant, controller, nominal)),
     )  # fmt: skip
-
-
-def _margins(plant: Plant, controller: Controller) -> Margins | None:
-    try:
-        return loop_margins(plant, controller)
-    except NotImplementedError:
-        return None
 
 
 def make_reference(kind: str, keys: ReferenceKeys, unit: str) -> tuple[Course, float, float]:

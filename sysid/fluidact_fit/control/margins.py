@@ -66,17 +66,16 @@ class Margins:
         )
 
 
-def loop_margins(plant: Plant, controller: Controller) -> Margins:
+def loop_margins(plant: Plant, controller: Controller) -> Margins | None:
     """Margins of the loop of a plant and a controller, the worst about any point of the plant.
 
-    Raises
-    ------
-    NotImplementedError
-        When the plant is not linear or the controller feeds nothing back.
+    ``None`` where the plant is nowhere linear, or the controller feeds nothing back.
     """
-    law = controller.linear()
-    found = [_margins(point, law, controller.sample_time) for point in plant.linear()]
-    (gain, phase_margin), radii = _worst(found), [spectral_radius(p, law) for p in plant.linear()]
+    law, points = controller.linear(), plant.linear()
+    if law is None or not points:
+        return None
+    found = [_margins(point, law, controller.sample_time) for point in points]
+    (gain, phase_margin), radii = _worst(found), [spectral_radius(p, law) for p in points]
     return Margins(*gain, *phase_margin, max(radii))
 
 

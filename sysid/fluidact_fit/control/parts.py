@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from ..block import Block, Port
 from ..errors import UsageError
@@ -31,13 +31,6 @@ _WANTED = {
 }
 
 
-@runtime_checkable
-class _Linear(Protocol):
-    """A block that is a transfer function and nothing else."""
-
-    def transfer_function(self) -> Any: ...
-
-
 @dataclass(frozen=True)
 class Parts:
     """Blocks by the part they play, in the order given."""
@@ -62,7 +55,7 @@ def sort_parts(kind: str, blocks: Sequence[Block]) -> Parts:
     for block in blocks:
         names = set(block.parameters)
         part = next((p for p, signs in _SIGNS if signs <= names), None)
-        if part == "supply" and not isinstance(block, _Linear):
+        if part == "supply" and not hasattr(block, "transfer_function"):
             part = None  # a motor has a gain and a time constant as well
         if part is None:
             raise UsageError(

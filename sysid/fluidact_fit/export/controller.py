@@ -63,8 +63,5 @@ def _beginning(file: ControllerFile, controller: Controller, unit: str) -> list[
 
 def _stability(plant: Plant, controller: Controller) -> list[str]:
     """Warnings about the margins; none for a loop without margins."""
-    try:
-        warning = loop_margins(plant, controller).warning
-    except NotImplementedError:
-        return []
-    return [f"UNSTABLE: {warning}"] if warning else []
+    margins = loop_margins(plant, controller)
+    return [f"UNSTABLE: {margins.warning}"] if margins and margins.warning else []

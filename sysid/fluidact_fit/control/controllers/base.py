@@ -78,15 +78,12 @@ class Controller(ABC):
             Where the output is wanted at this sample [SI].
         """
 
-    def linear(self) -> System:
+    def linear(self) -> System | None:
         """From the output falling short to the commands, compensation and limits apart.
 
-        Raises
-        ------
-        NotImplementedError
-            When the controller feeds nothing back.
+        ``None`` where nothing is fed back.
         """
-        raise NotImplementedError(f"{type(self).__name__} feeds nothing back")
+        return None
 
     def limit(self, command: float) -> float:
         """Cut a command off at the limits."""

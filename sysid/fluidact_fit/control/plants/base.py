@@ -70,11 +70,6 @@ class Plant(ABC):
         """Output to each command, dry friction and dead zones apart; one state for all commands.
 
         Once for each point about which the plant is linear but for those: one is enough where it
-        is so everywhere.
-
-        Raises
-        ------
-        NotImplementedError
-            When the plant has no such point.
+        is so everywhere, and there may be none.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no linear response")
+        return ()
