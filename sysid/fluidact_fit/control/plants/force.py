@@ -72,11 +72,8 @@ class ForcePlant(Plant):
         return float(self._row @ self._state) + self._offset
 
     def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
-        """Be at rest at the end of a slow loading: by a command, or to a force.
-
-        The drive for a force is found by halving, between none and what 1e9 N would need.
-        """
-        (command,) = self.within(commands) if commands else (self._command_for(output),)
+        """Be at rest at the end of a slow loading by a command; without one, as near as can be."""
+        (command,) = self.within(commands or (0.0,))
         state = np.array([command])
         if self._supply.b.size:
             state = np.append(self._supply.rest(command), command)
@@ -84,20 +81,6 @@ class ForcePlant(Plant):
         self._held.reset([command])
         low, high = self._branches(self._drive)
         self.force = low if commands else min(max(output, low), high)
-
-    def _command_for(self, force: float) -> float:
-        """Smallest command with this force on the branch of loading; 0 where none is needed."""
-        gain = self._supply.gain
-        if force <= self._branches(self._offset)[1]:
-            return 0.0
-        high = 1.0
-        while self._branches(gain * high + self._offset)[0] < force and high < 1e12:
-            high *= 2.0
-        low = 0.0
-        while low < (middle := 0.5 * (low + high)) < high:
-            below = self._branches(gain * middle + self._offset)[0] < force
-            low, high = (middle, high) if below else (low, middle)
-        return high
 
     def measure(self) -> Mapping[str, float]:
         """Force, position, and the drive that acts."""
