@@ -75,15 +75,12 @@ def loop_margins(plant: Plant, controller: Controller) -> Margins | None:
     if law is None or not points:
         return None
     found = [_margins(point, law, controller.sample_time) for point in points]
-    (gain, phase_margin), radii = _worst(found), [spectral_radius(p, law) for p in points]
-    return Margins(*gain, *phase_margin, max(radii))
+    gain, phase_margin = min(g for g, _ in found), min(p for _, p in found)
+    radius = max(spectral_radius(point, law) for point in points)
+    return Margins(*gain, *phase_margin, radius)
 
 
 _Crossing = tuple[float, float]  # margin and frequency [Hz]
-
-
-def _worst(found: Sequence[tuple[_Crossing, _Crossing]]) -> tuple[_Crossing, _Crossing]:
-    return min(gain for gain, _ in found), min(phase_margin for _, phase_margin in found)
 
 
 def _margins(point: Sequence[Sampled], law: System, step: float) -> tuple[_Crossing, _Crossing]:
