@@ -237,7 +237,7 @@ def refuse_empty_ranges(name: str, routines: Iterable[Routine]) -> None:
             if not float(np.float32(a.low)) < float(np.float32(a.high)):
                 raise UsageError(
                     f"{r.name} of {name} is a function of {a.name}, whose range is the single "
-                    f"value {a.low:.9g} {a.unit}.",
+                    f"value {a.low + 0.0:.9g} {a.unit}.",
                     remedy="Fit logs in which it varies, or export the numbers alone: --to json, "
                     "ros2 or matlab.",
                 )
