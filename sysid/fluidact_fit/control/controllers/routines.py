@@ -59,6 +59,7 @@ def returned(draft: Draft, value: Expression, begins: float) -> Routine:
 
 
 def limited(value: Expression, limits: tuple[float, float]) -> Expression:
+    """A value within limits, of which either may be infinite."""
     low, high = limits
     value = maximum(value, constant("lowest", low)) if isfinite(low) else value
     return minimum(value, constant("highest", high)) if isfinite(high) else value
