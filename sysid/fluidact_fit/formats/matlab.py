@@ -171,11 +171,8 @@ def _read_dspace(variable: Any, sink: Sink) -> None:
         short = _last_part(name)
         unit = _text(getattr(y, "Unit", "")) or None
         label = short if counts[short] == 1 else name
-        if values.dtype.kind not in "fiub":
-            sink.leave(label, f"values of type {values.dtype}")
-            continue
-        plain = values.astype(np.float64) if values.dtype.kind == "b" else values
-        sink.add(label, plain, unit=unit, instants=instants[axis])
+        if sink.holds_numbers(label, values):
+            sink.add(label, values, unit=unit, instants=instants[axis])
 
 
 def _places(first: int, axes: list[Array]) -> Iterator[int]:

@@ -160,18 +160,12 @@ def _take_table(sink: Sink, group: str, frame: Any) -> None:
     if times.dtype.kind in "mM":
         instants = _add_instants(sink, "time", times, group=group, role="instants")
     for k, (header, unit) in enumerate(zip(frame.columns, _units(frame))):
-        name, values, how = str(header), np.asarray(frame.iloc[:, k]), ""
+        name, values = str(header), np.asarray(frame.iloc[:, k])
         if values.dtype.kind in "mM":
             how = "instants to seconds"
             _add_instants(sink, name, values, group=group, instants=instants, how=how)
-            continue
-        if values.dtype.kind == "b":
-            values, how = values.astype(np.float64), "true and false to 1 and 0"
-        if values.dtype.kind not in "fiu":
-            why = "complex numbers" if values.dtype.kind == "c" else "text"
-            sink.leave(name, why, group=group, signal=why != "text")
-            continue
-        sink.add(name, values, group=group, unit=unit, instants=instants, how=how)
+        elif sink.holds_numbers(name, values, group):
+            sink.add(name, values, group=group, unit=unit, instants=instants)
 
 
 def _units(frame: Any) -> list[str | None]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .sink import Sink, library
+from .sink import KEPT, Sink, library
 
 _TIME = 1  # a master that counts seconds; others count angles, lengths or samples
 
@@ -46,12 +46,7 @@ def _take_group(file: Any, sink: Sink, index: int, group: Any) -> None:
         if values.dtype.names or values.ndim != 1:
             sink.leave(name, "an array or structure", group=label)
             continue
-        if values.dtype.kind == "b":
-            values = values.astype(np.float64)
-        if values.dtype.kind not in "fiu":
-            why = {"c": "complex numbers", "S": "text", "U": "text", "O": "text"}
-            told = why.get(values.dtype.kind, f"values of type {values.dtype}")
-            sink.leave(name, told, group=label, signal=told != "text")
+        if not sink.holds_numbers(name, values, label):
             continue
         timed = master is not None and _is_time(group.channels[master])
         if instants is None and timed:
@@ -63,7 +58,7 @@ def _take_group(file: Any, sink: Sink, index: int, group: Any) -> None:
             marked = np.asarray(invalid, dtype=np.bool_)
             values = values.astype(np.float64)
             values[marked] = np.nan
-            bad = {int(k): "marked invalid" for k in np.flatnonzero(marked)[:5000]}
+            bad = {int(k): "marked invalid" for k in np.flatnonzero(marked)[:KEPT]}
             how = f"{int(marked.sum())} samples marked as invalid"
         unit = str(signal.unit or "").strip() or None
         sink.add(name, values, group=label, unit=unit, instants=instants, bad=bad, how=how)

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .sink import Sink, library, numbers_of
+from .sink import EXACT, KEPT, Sink, library, numbers_of
 
-_EXACT = 1 << 53
 _DATE = re.compile(r"\d[-:/.]\d")
 _PROBED = 200  # cells that show whether text may be instants
 _NONE = np.iinfo(np.int64).min
@@ -119,7 +118,7 @@ class _Column:
         place = self.place[begin : begin + len(values)]
         if values.null_count:
             none = np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))
-            self.bad |= {begin + int(row): "" for row in none[: 5000 - len(self.bad)]}
+            self.bad |= {begin + int(row): "" for row in none[: KEPT - len(self.bad)]}
             self.holes.append(begin + none)
         if self.text:
             cells = values.to_pylist()
@@ -127,7 +126,7 @@ class _Column:
                 self.dated = any(_DATE.search(cell) for cell in cells[:_PROBED] if cell)
             self.cells += cells if self.dated else []
             place[:], bad = numbers_of(cells)
-            room = 5000 - len(self.bad)
+            room = KEPT - len(self.bad)
             self.bad |= {begin + row: text for row, text in list(bad.items())[:room]}
         elif self.timed:
             place[:] = self._instants(values)
@@ -164,7 +163,7 @@ class _Column:
         elif self.whole:
             holes = np.concatenate(self.holes) if self.holes else np.empty(0, np.int64)
             large = self.place.size and (
-                int(self.place.max()) > _EXACT or int(self.place.min()) < -_EXACT
+                int(self.place.max()) > EXACT or int(self.place.min()) < -EXACT
             )
             if large and not holes.size:
                 return

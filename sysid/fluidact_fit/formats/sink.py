@@ -16,9 +16,9 @@ from ..errors import LogError
 Array = npt.NDArray[Any]
 MOST_VECTORS = 4096
 _MOST_ELEMENTS = 20_000
-_KEPT = 5000  # texts of cells that are no number, of one vector
+KEPT = 5000  # texts of cells that are no number, of one vector
 _MOST_KEPT = 50_000  # of all
-_EXACT = 1 << 53  # whole numbers that double precision holds
+EXACT = 1 << 53  # whole numbers that double precision holds
 
 
 class Sink:
@@ -113,10 +113,12 @@ class Sink:
         """Hand over a vector of real numbers, shape ``(n,)``, as :meth:`room` describes it.
 
         ``bad`` has the text of cells that are no number, ``how`` says how it was converted.
-        Returns its number.
+        Truth values become numbers. Returns its number.
         """
+        if values.dtype.kind == "b":
+            values, how = values.astype(np.float64), how or "true and false to 1 and 0"
         exact = values.dtype.kind not in "iu" or values.dtype.itemsize < 8 or not values.size
-        if not exact and max(abs(int(values.min())), abs(int(values.max()))) <= _EXACT:
+        if not exact and max(abs(int(values.min())), abs(int(values.max()))) <= EXACT:
             exact = True
         # what doubles do not hold is handed over as it is
         place = self.room(
@@ -127,6 +129,18 @@ class Sink:
         if how:
             self.convert(name, how, described.get("group", ""))
         return len(self.vectors) - 1
+
+    def holds_numbers(self, name: str, values: Array, group: str = "") -> bool:
+        """Return whether values are real numbers or truth values; others are left out."""
+        kind = values.dtype.kind
+        if kind in "fiub":
+            return True
+        text = kind in "SU" or (
+            kind == "O" and all(isinstance(v, str | bytes) for v in values.flat)
+        )
+        why = "text" if text else "complex numbers" if kind == "c" else ""
+        self.leave(name, why or f"values of type {values.dtype}", group=group, signal=not text)
+        return False
 
     def put_texts(self, number: int, cells: Sequence[str | None]) -> None:
         """Hand over cells in the place of a vector that holds no number: they may be instants."""
@@ -139,7 +153,7 @@ class Sink:
         """Note the texts of cells that are no number."""
         kept = self.vectors[number]["bad"]
         for row, text in bad.items():
-            if len(kept) >= _KEPT or self._texts >= _MOST_KEPT:
+            if len(kept) >= KEPT or self._texts >= _MOST_KEPT:
                 return
             self._texts += row not in kept
             kept[int(row)] = text[:60]
@@ -209,7 +223,7 @@ def seconds_of(values: Array) -> tuple[Array, int, dict[int, str]]:
     since = int(whole[first[0]]) if values.dtype.kind == "M" and first.size else 0
     seconds = (whole - since) / 1e9
     seconds[none] = np.nan
-    return seconds, since, {int(row): "" for row in np.flatnonzero(none)[:_KEPT]}
+    return seconds, since, {int(row): "" for row in np.flatnonzero(none)[:KEPT]}
 
 
 def numbers_of(texts: Sequence[str | None]) -> tuple[Array, dict[int, str]]:
@@ -220,6 +234,6 @@ def numbers_of(texts: Sequence[str | None]) -> tuple[Array, dict[int, str]]:
         try:
             values[row] = float(text if text is not None and "_" not in text else "")
         except ValueError:
-            if len(bad) < _KEPT:
+            if len(bad) < KEPT:
                 bad[row] = (text or "")[:60]
     return values, bad

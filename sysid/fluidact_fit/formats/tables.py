@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .sink import MOST_VECTORS, Array, Sink, full
+from .sink import KEPT, MOST_VECTORS, Array, Sink, full
 
 _WIDE = 10  # times as many columns as rows, from which rows are taken for the channels
 _SINCE = re.compile(r"\s*(\w+) since .*", re.DOTALL)
@@ -31,23 +31,14 @@ def add_array(
     Samples run down the columns, unless only the other axis is as long as one of the vectors
     beside it (``samples``), or it is far longer. What is neither a vector nor a table is left out.
     """
-    if values.dtype.kind == "c":
-        sink.leave(name, "complex numbers", group=group)
+    if not sink.holds_numbers(name, values, group):
         return
-    if values.dtype.kind not in "fiub":
-        why = "text" if values.dtype.kind in "SU" else f"values of type {values.dtype}"
-        sink.leave(name, why, group=group, signal=values.dtype.kind not in "SU")
-        return
-    if values.size == 0:
-        sink.leave(name, "empty", group=group, signal=False)
-        return
-    if values.size == 1:
-        sink.leave(name, "a single number", group=group, signal=False)
+    if values.size < 2:
+        why = "a single number" if values.size else "empty"
+        sink.leave(name, why, group=group, signal=False)
         return
     shape = values.shape
     values = np.squeeze(values)
-    if values.dtype.kind == "b":
-        values, how = values.astype(np.float64), how or "true and false to 1 and 0"
     if values.ndim == 1:
         sink.add(name, values, group=group, unit=unit, how=how)
         return
@@ -109,7 +100,7 @@ def decoded(
     bad: dict[int, str] = {}
     if missing.any():
         if values.ndim == 1:
-            bad = {int(k): str(values[k]) for k in np.flatnonzero(missing)[:5000]}
+            bad = {int(k): str(values[k]) for k in np.flatnonzero(missing)[:KEPT]}
         how.append(f"{int(missing.sum())} cells marked as missing")
     if scale != 1.0 or offset != 0.0:
         how.append(f"times {scale:g} plus {offset:g}")
@@ -172,7 +163,7 @@ def add_packed(
             values = values.astype(np.float64)
             values[np.squeeze(blank)] = np.nan
             how = ", ".join(filter(None, (how, f"{int(blank.sum())} cells never written")))
-            bad |= {int(k): "" for k in np.flatnonzero(blank)[:5000]} if values.ndim == 1 else {}
+            bad |= {int(k): "" for k in np.flatnonzero(blank)[:KEPT]} if values.ndim == 1 else {}
     else:
         how, bad = "", {}
     before = len(sink.vectors)

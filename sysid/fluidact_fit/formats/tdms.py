@@ -75,11 +75,7 @@ def _take(
         sink.add(name, seconds, group=group, unit="s", bad=bad, clock=True, since=since, how=how)
         return
     values = np.asarray(values)
-    if values.dtype.kind == "b":
-        values = values.astype(np.float64)
-    if values.dtype.kind not in "fiu":
-        why = {"c": "complex numbers", "O": "text", "U": "text"}.get(values.dtype.kind)
-        sink.leave(name, why or f"values of type {values.dtype}", group=group)
+    if not sink.holds_numbers(name, values, group):
         return
     step = channel.properties.get("wf_increment")
     instants = None

@@ -11,12 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ..errors import LogError, Notice
 from ..units import same_dimension
-from .groups import united
-from .layout import Hints, Layout, Written
+from .groups import Base, require_order, unite
+from .layout import Hints, Layout, Written, decimal_of
 from .log import count_of
 from .source import Source
 from .table import Table, read_table
@@ -143,10 +141,9 @@ def _samples(
 ) -> tuple[Layout, Table]:
     """The instants and values of one channel."""
     block = "\n".join(lines[channel.first : channel.end])
-    commas = sign != "," and block.count(",") > block.count(".")
     layout = Layout(
         delimiter=sign,
-        decimal=written.decimal or ("," if commas else "."),
+        decimal=written.decimal or decimal_of(block, sign),
         width=2,
         lead=1,
         thousands=written.thousands or "",
@@ -169,28 +166,13 @@ def _merged(
     empty: Sequence[str],
 ) -> Table:
     """The channels over the instants of all."""
-    times = [table.values[0] for table in tables]
-    for channel, table, time in zip(channels, tables, times):
-        wrong = np.flatnonzero(~(np.diff(time, prepend=-np.inf) > 0.0))
-        if wrong.size:
-            raise LogError(
-                f"the time of '{channel.keys['Variable']}' does not increase.",
-                where=f"{name}, line {int(table.lines[wrong[0]])}",
-                expected="Expected one recording, with time that increases in every channel.",
-                remedy="Correct or remove the line, or export the trace again.",
-            )
-    instants, places = united(times)
-    values, bad = [instants], [dict[int, str]()]
-    at = np.zeros(instants.size, dtype=np.int64)
-    for table, place in zip(reversed(tables), reversed(places)):
-        at[place] = table.lines
-    for table, place in zip(tables, places):
-        spread = np.full(instants.size, np.nan)
-        spread[place] = table.values[1]
-        values.append(spread)
-        texts = {int(place[row]): text for row, text in table.bad[1].items() if text}
-        holes = np.flatnonzero(np.isnan(spread))[:5000].tolist()
-        bad.append(dict.fromkeys(holes, "") | texts)
+    bases = [
+        Base(f"'{c.keys['Variable']}'", t.values[0], t.values[1:], t.bad[1:], t.lines)
+        for c, t in zip(channels, tables)
+    ]
+    for base in bases:
+        require_order(base, name)
+    whole = unite(bases, name)
     ends = {number for c in channels for number in range(c.first, c.end)}
     heads = range(channels[0].first, len(lines))
     between = [(k + 1, "header of a channel") for k in heads if k not in ends and lines[k].strip()]
@@ -204,9 +186,9 @@ def _merged(
             )
         )
     return Table(
-        tuple(values),
-        tuple(bad),
-        at,
+        whole.values,
+        whole.bad,
+        whole.lines,
         tuple(sorted([*between, *(part for table in tables for part in table.left_out)])),
         tuple(notices),
         sum(table.data_lines for table in tables),

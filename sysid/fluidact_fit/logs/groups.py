@@ -9,22 +9,35 @@ import numpy as np
 
 from ..errors import LogError
 from ..experiment import BoolArray, FloatArray, IndexArray
-from .layout import Group, Layout
+from ..formats.sink import KEPT
+from .layout import Counted, Group, Layout
 from .log import IntArray
 
 _OFTEN = 0.2  # share of empty cells that are no damage
-_MOST_HOLES = 5000  # as many as are kept of cells that are no numbers
 
 
 @dataclass(frozen=True)
-class Merged:
-    """Time and the columns of all groups, shape ``(n_instants,)`` each, their cells that are no
-    numbers, the line of every instant, and the rows that hold no value."""
+class Base:
+    """Columns of one time base: instants, numbers and other cells of every column, and lines.
+
+    Shape ``(n,)`` each; ``label`` is what messages call its time.
+    """
+
+    label: str
+    instants: FloatArray
+    values: Sequence[FloatArray]
+    bad: Sequence[Mapping[int, str]]
+    lines: IntArray
+
+
+@dataclass(frozen=True)
+class United:
+    """Time and the columns of all bases, shape ``(n_instants,)`` each, their cells that are no
+    numbers, and the line of every instant."""
 
     values: tuple[FloatArray, ...]
     bad: tuple[dict[int, str], ...]
     lines: IntArray
-    empty: IndexArray
 
 
 def sparse_columns(
@@ -54,6 +67,14 @@ def group_columns(names: Sequence[str], key: str) -> list[Group]:
     return [Group(tuple(range(a + 1, b)), a) for a, b in zip(starts, ends)]
 
 
+def counted_groups(columns: Sequence[int], counted: Sequence[tuple[Counted, ...]]) -> list[Group]:
+    """Groups of the columns whose instants are counted alike."""
+    alike: dict[tuple[Counted, ...], list[int]] = {}
+    for column, parts in zip(columns, counted, strict=True):
+        alike.setdefault(parts, []).append(column)
+    return [Group(tuple(members), None, parts) for parts, members in alike.items()]
+
+
 def complete(fields: list[str], layout: Layout) -> list[str] | None:
     """A row of groups some of which have ended: filled up, ``None`` where a group is broken."""
     if len(fields) == layout.width:
@@ -74,8 +95,8 @@ def merge(
     lines: IntArray,
     layout: Layout,
     name: str,
-) -> Merged:
-    """Put the instants of all groups in order.
+) -> tuple[United, IndexArray]:
+    """Put the instants of all groups in order; also returns the rows that hold no value.
 
     Parameters
     ----------
@@ -93,33 +114,51 @@ def merge(
     LogError
         When a time is missing, or goes back where there are several.
     """
-    held = [_rows_of(group, values, bad, lines, name) for group in layout.groups]
-    times = [_instants(group, values, rows, lines) for group, rows in zip(layout.groups, held)]
     used = np.zeros(lines.size, dtype=np.bool_)
-    for rows in held:
+    bases = []
+    for group in layout.groups:
+        rows = _rows_of(group, values, bad, lines, name)
         used[rows] = True
-    same = all(
-        np.array_equal(rows, held[0]) and np.array_equal(time, times[0])
-        for rows, time in zip(held, times)
-    )
-    places: list[IntArray]
-    if same:
-        instants, places = times[0], [np.arange(times[0].size)] * len(held)
-    else:
-        for group, rows, time in zip(layout.groups, held, times):
-            _require_order(group, rows, time, lines, name)
+        place = {row: k for k, row in enumerate(rows.tolist())}
+        bases.append(
+            Base(
+                f"column #{group.columns[0] + 1}",
+                _instants(group, values, rows, lines),
+                [values[c][rows] for c in group.columns],
+                [{place[r]: t for r, t in bad[c].items() if r in place} for c in group.columns],
+                lines[rows],
+            )
+        )
+    return unite(bases, name), np.flatnonzero(~used)
+
+
+def unite(bases: Sequence[Base], name: str) -> United:
+    """Put columns of several time bases over every instant of theirs.
+
+    Raises
+    ------
+    LogError
+        When a time does not increase, unless it is that of all columns.
+    """
+    times, lines = [b.instants for b in bases], [b.lines for b in bases]
+    instants, places = times[0], [np.arange(times[0].size)] * len(bases)
+    if not all(np.array_equal(x, each[0]) for each in (times, lines) for x in each):
+        for base in bases:
+            require_order(base, name)
         instants, places = united(times)
     line_of = np.zeros(instants.size, dtype=np.int64)
-    for rows, place in zip(reversed(held), reversed(places)):
-        line_of[place] = lines[rows]
-    out, texts = [instants], [dict[int, str]()]
-    for group, rows, place in zip(layout.groups, held, places):
-        for column in group.columns:
+    for base, place in zip(reversed(bases), reversed(places)):
+        line_of[place] = base.lines
+    values, texts = [instants], [dict[int, str]()]
+    for base, place in zip(bases, places):
+        for column, bad in zip(base.values, base.bad):
             spread = np.full(instants.size, np.nan)
-            spread[place] = values[column][rows]
-            out.append(spread)
-            texts.append(_holes(spread, bad[column], rows, place))
-    return Merged(tuple(out), tuple(texts), line_of, np.flatnonzero(~used))
+            spread[place] = column
+            values.append(spread)
+            holes = np.flatnonzero(np.isnan(spread))[:KEPT].tolist()
+            found = {int(place[row]): text for row, text in bad.items() if text}
+            texts.append(dict.fromkeys(holes, "") | found)
+    return United(tuple(values), tuple(texts), line_of)
 
 
 def united(times: Sequence[FloatArray]) -> tuple[FloatArray, list[IndexArray]]:
@@ -170,27 +209,14 @@ def _instants(
     return np.round(start + count * step, 12)
 
 
-def _require_order(
-    group: Group, rows: IndexArray, time: FloatArray, lines: IntArray, name: str
-) -> None:
-    back = np.flatnonzero(np.diff(time) <= 0)
+def require_order(base: Base, name: str) -> None:
+    """Refuse a base whose time does not increase (``LogError``)."""
+    back = np.flatnonzero(~(np.diff(base.instants) > 0.0))
     if back.size:
         raise LogError(
-            f"the time of column #{group.columns[0] + 1} does not increase, and the columns of "
-            "this log have times of their own.",
-            where=f"{name}, line {int(lines[rows[back[0] + 1]])}",
+            f"the time of {base.label} does not increase, and the columns of this log have times "
+            "of their own.",
+            where=f"{name}, line {int(base.lines[back[0] + 1])}",
             expected="Expected one recording, with time that increases in every group of columns.",
-            remedy="Export every recording to a file of its own.",
+            remedy="Export every recording to a file of its own, or correct or remove the line.",
         )
-
-
-def _holes(
-    spread: FloatArray, bad: Mapping[int, str], rows: IndexArray, place: IndexArray
-) -> dict[int, str]:
-    """Cells of a column that are no numbers by instant; empty text where it has no sample."""
-    out = {int(i): "" for i in np.flatnonzero(np.isnan(spread))[:_MOST_HOLES]}
-    texts = {row: text for row, text in bad.items() if text}
-    if texts:
-        at = dict(zip(rows.tolist(), place.tolist()))
-        out |= {at[row]: text for row, text in texts.items() if row in at}
-    return out

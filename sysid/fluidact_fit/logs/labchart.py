@@ -16,7 +16,7 @@ from itertools import pairwise
 from ..errors import LogError, Notice
 from ..units import conversion_factor, same_dimension
 from .clock import find_clocks
-from .layout import NUMBER, Counted, Cut, Group, Hints, Layout, Written, to_number
+from .layout import NUMBER, Counted, Cut, Group, Hints, Layout, Written, decimal_of, to_number
 from .log import count_of, name_lines
 from .source import Source
 
@@ -65,7 +65,7 @@ def lay_out(source: Source, written: Written) -> Layout | None:
             "at most a time and a date were expected.",
             "Expected one cell per channel.",
         )  # fmt: skip
-    cut = Cut("\t", written.decimal or _decimal(body[:_ROWS]), before + len(names))
+    cut = Cut("\t", written.decimal or decimal_of("".join(body[:_ROWS]), "\t"), before + len(names))
     cut = replace(cut, tidy=_without_comment, thousands=written.thousands or "")
     rows = [row for s in body[:_ROWS] if len(row := cut.split(s)) == cut.width]
     clocks = find_clocks(rows) if before else {}
@@ -128,11 +128,6 @@ def _commented(lines: Sequence[str], heads: set[int], name: str) -> list[Notice]
     texts = ", ".join(f"'{lines[k].partition(chr(9) + '#')[2].strip()[:30]}'" for k in places[:3])
     text = f"{name}: {count_of(len(places), 'comment')} beside samples left out "
     return [Notice("comments-left-out", f"{text}({name_lines([k + 1 for k in places])}: {texts}).")]
-
-
-def _decimal(body: Sequence[str]) -> str:
-    text = "".join(body)
-    return "," if text.count(",") > text.count(".") else "."
 
 
 def _interval(keys: Mapping[str, Sequence[str]], name: str) -> float:

@@ -14,15 +14,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import LogError
-from .groups import group_columns
-from .layout import NUMBER, Counted, Group, Hints, Layout, Written, split_cells
+from .groups import counted_groups, group_columns
+from .layout import (
+    NUMBER,
+    Counted,
+    Group,
+    Hints,
+    Layout,
+    Written,
+    decimal_of,
+    number_of,
+    split_cells,
+)
 from .source import Source
 
 _FIRST = "LabVIEW Measurement"
 _END = "***End_of_Header***"
 _HINTS = Hints("LabVIEW measurement", sparse=True)
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";", "space": " "}
-_NUMBER = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?")
 _LONGEST = 200  # lines of a block on the channels
 
 
@@ -130,8 +139,7 @@ def _by_channel(
 
 
 def _numbers(cells: Sequence[str], count: int) -> tuple[float, ...]:
-    found = [float(c.replace(",", ".")) if _NUMBER.fullmatch(c) else 0.0 for c in cells]
-    return tuple(found or [0.0] * count)
+    return tuple(list(map(number_of, cells)) or [0.0] * count)
 
 
 def _build(
@@ -176,27 +184,20 @@ def _build(
 
 def _counted(groups: Sequence[Group], segments: Sequence[_Segment]) -> list[Group]:
     """Groups of channels that start and step alike in every segment."""
-    alike: dict[tuple[Counted, ...], list[int]] = {}
     channels = [k for group in groups for k in group.columns]
-    for place, column in enumerate(channels):
-        counted = tuple(Counted(s.top + 2, s.starts[place], s.steps[place]) for s in segments)
-        alike.setdefault(counted, []).append(column)
-    if any(part.step <= 0.0 for parts in alike for part in parts):
+    counted = [
+        tuple(Counted(s.top + 2, s.starts[place], s.steps[place]) for s in segments)
+        for place in range(len(channels))
+    ]
+    if any(part.step <= 0.0 for parts in counted for part in parts):
         # Nothing says how far the samples are apart: their numbers stand for the time.
-        alike = {tuple(Counted(s.top + 2, 0.0, 1.0) for s in segments): channels}
-    return [Group(tuple(columns), None, parts) for parts, columns in alike.items()]
+        counted = [tuple(Counted(s.top + 2, 0.0, 1.0) for s in segments)] * len(channels)
+    return counted_groups(channels, counted)
 
 
 def _decimal(lines: Sequence[str], body: Sequence[str], delimiter: str) -> str:
     """The decimal sign of the samples; what the header says of it where they do not tell."""
-    if delimiter == ",":
-        return "."
     cells = [cell for line in body for cell in split_cells(line, delimiter)]
-    commas, points = (
-        sum(sign in cell and NUMBER[sign].match(cell) is not None for cell in cells)
-        for sign in ",."
-    )
-    if commas != points:
-        return "," if commas > points else "."
     said = next((line for line in lines[:40] if line.startswith("Decimal_Separator")), "")
-    return "," if said.rstrip().endswith(",") else "."
+    numbers = " ".join(cell for cell in cells if any(form.match(cell) for form in NUMBER.values()))
+    return decimal_of(numbers, delimiter, "," if said.rstrip().endswith(",") else ".")

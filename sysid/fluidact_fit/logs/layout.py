@@ -46,6 +46,19 @@ def to_number(text: str) -> float:
     return float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
 
 
+def number_of(text: str) -> float:
+    """The value of a number in a header, with either decimal sign; 0 for any other text."""
+    return to_number(text) if any(form.match(text) for form in NUMBER.values()) else 0.0
+
+
+def decimal_of(text: str, delimiter: str, otherwise: str = ".") -> str:
+    """The sign before decimals that more numbers of a text have; ``otherwise`` where none does."""
+    commas, points = text.count(","), text.count(".")
+    if delimiter == ",":
+        return "."
+    return otherwise if commas == points else "," if commas > points else "."
+
+
 def count_filled(cells: Sequence[str]) -> int:
     """Number of cells without the empty ones at the end."""
     return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)

@@ -373,9 +373,9 @@ def _with_numbers(
         refuse_other_header(split.rows[row], layout, line, name, apart=apart)
     data_lines = int(lines.size)
     if layout.groups:
-        merged = merge(values, bad, lines, layout, name)
-        left_out += [(int(n), "empty cells") for n in lines[merged.empty]]
-        data_lines -= merged.empty.size
+        merged, empty = merge(values, bad, lines, layout, name)
+        left_out += [(int(n), "empty cells") for n in lines[empty]]
+        data_lines -= empty.size
         values, bad, lines = merged.values, merged.bad, merged.lines
     exact = {}
     if not layout.groups:

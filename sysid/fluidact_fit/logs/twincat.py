@@ -14,8 +14,18 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..errors import LogError, Notice
-from .groups import group_columns
-from .layout import Counted, Group, Hints, Layout, Written, count_filled, split_cells
+from .groups import counted_groups, group_columns
+from .layout import (
+    Counted,
+    Group,
+    Hints,
+    Layout,
+    Written,
+    count_filled,
+    decimal_of,
+    number_of,
+    split_cells,
+)
 from .source import Source
 
 _HEAD = 1 << 22  # bytes in which the samples have to begin
@@ -131,12 +141,13 @@ def _build(
         groups = groups if len(groups) > 1 else []
     headers = [names[k] for k in held]
     units = [_unit(attributes.get("Unit", ()), k) for k in held]
+    samples = source.data.decode(errors="replace").split("\n", first)[-1]
     end = source.data.rstrip()
     lines = end.count(b"\n") + 1
     marked = end[end.rfind(b"\n") + 1 :].strip(b'" \t;,:') == b"EOF"
     return Layout(
         delimiter=delimiter,
-        decimal=written.decimal or _decimal(source.data, first, delimiter),
+        decimal=written.decimal or decimal_of(samples, delimiter),
         width=width,
         trailing=not groups and len(cells) == width + 1 and not cells[-1],
         thousands=written.thousands or "",
@@ -161,32 +172,16 @@ def _counted(
     ``held`` are the channels' places in the header, where the rows have the columns of time
     ``left_out`` or not.
     """
-    by_period: dict[float, list[int]] = {}
-    for place, column in enumerate(held):
-        text = periods[column] if column < len(periods) else ""
-        period = float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else 0.0
-        by_period.setdefault(period, []).append(place if left_out else column)
-    if min(by_period) <= 0.0:
+    steps = [number_of(periods[k]) if k < len(periods) else 0.0 for k in held]
+    if min(steps) <= 0.0:
         return []
-    return [
-        Group(tuple(columns), None, (Counted(first + 1, 0.0, period),))
-        for period, columns in by_period.items()
-    ]
+    places = range(len(held)) if left_out else held
+    return counted_groups(places, [(Counted(first + 1, 0.0, step),) for step in steps])
 
 
 def _unit(cells: Sequence[str], column: int) -> str:
     unit = cells[column] if column < len(cells) else ""
     return "" if unit.casefold() in _NO_UNIT else unit
-
-
-def _decimal(data: bytes, first: int, delimiter: str) -> str:
-    """The decimal sign of the samples, whatever the one of the header."""
-    if delimiter == ",":
-        return "."
-    offset = 0
-    for _ in range(first):
-        offset = data.find(b"\n", offset) + 1
-    return "," if data.count(b",", offset) > data.count(b".", offset) else "."
 
 
 def _scaled(
@@ -200,10 +195,8 @@ def _scaled(
     for k in held:
         for key, neutral in _NEUTRAL.items():
             text = attributes.get(key, ())[k : k + 1]
-            if text and _NUMBER.fullmatch(text[0]):
-                value = float(text[0].replace(",", "."))
-                if value != neutral:
-                    found.append(f"'{names[k]}' ({key} {value:g})")
+            if text and _NUMBER.fullmatch(text[0]) and (value := number_of(text[0])) != neutral:
+                found.append(f"'{names[k]}' ({key} {value:g})")
     if not found:
         return ()
     return (

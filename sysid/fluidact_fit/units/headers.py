@@ -287,9 +287,7 @@ def _of_words(text: str) -> tuple[str, str | None]:
         found = _stroke(text) or _last_words(text) or _amid(text)
     if found is None:
         return text, text if quotient else None
-    return _with_size(
-        *found, r"[0-9]{1,9}/[0-9]{1,9}|0?[.,][0-9]{1,9}|1e-[0-9]|10\^-?[0-9]|10{1,9}"
-    )
+    return _with_size(*found, _SIZES)
 
 
 def _is_numbered(text: str) -> bool:
