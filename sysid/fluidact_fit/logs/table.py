@@ -1,15 +1,13 @@
 """From text to columns of numbers.
 
-Large regular tables go through pyarrow's parser where they hold nothing but numbers, and through
-pandas' where they do not. Everything else, small files included (importing either costs more than
-reading them), is read line by line, which can report irregular lines.
+Large tables of nothing but numbers go through pyarrow's parser. Everything else, small files
+included (importing it costs more than reading them), is read line by line, which can report
+irregular lines.
 """
 
 from __future__ import annotations
 
-import io
 import re
-import warnings
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,21 +16,18 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, is_finite
+from ..formats.sink import KEPT
 from .clock import Clocks, read_clocks
 from .exact import Exact, loses, of_cells, of_column
 from .groups import complete, merge
-from .layout import NUMBER, Layout, says_nothing, to_number
+from .layout import NUMBER, Layout, to_number
 from .log import IntArray, count_of, name_lines
 from .restart import refuse_other_blocks, refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
 from .statistics import begins_with_statistic, find_statistics
 
 FAST_FROM_BYTES = 6_000_000
-MAX_BAD_KEPT = 5000
 RAGGED_SHARE = 0.01
-_ODD_BLANKS = tuple(
-    chr(k).encode() for k in range(0x3001) if chr(k).isspace() and chr(k) not in "\t\n\r "
-)
 _REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]++\s*+$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 _LISTED = re.compile(r"\d\s*[;|\t]\s*[+-]?\.?\d")
@@ -80,49 +75,33 @@ def read_table(source: Source, layout: Layout) -> Table:
 
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
-    """Read a regular table in one go; ``None`` when it is not regular after all.
-
-    Also where it would read a number otherwise than line by line: with a sign between thousands,
-    or a point in a log of decimal commas; and where lines hold more than cells of numbers.
-    """
+    """Read a table of nothing but numbers and empty cells in one go; ``None`` for any other."""
     if layout.tidy or layout.clocks or layout.groups or layout.skipped:
         return None
     data, end = source.data, len(source.data)
-    if layout.thousands or (layout.decimal == "," and data.find(b".", offset) >= 0):
-        return None
     if any(data.find(line.encode(), offset) >= 0 for line in layout.again):
         return None
     while end > offset and data[end - 1] in b"\n\t ":
         end -= 1
     if data.startswith(BOM_UTF8, offset):
-        return None  # pandas would read on behind it
-    if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
-        return None
-    if layout.delimiter == " " and any(data.find(sign, offset) >= 0 for sign in _ODD_BLANKS):
-        return None  # line by line they separate cells
+        return None  # it would be passed over
     rows = source.line_ends - layout.first_row - data.count(b"\n", end) + 1
     first = max(data.rfind(b"\n", 0, max(end - 4096, 0)) + 1, offset)
     tail = data[first:end].decode(errors="replace").split("\n")
     if _is_cut(tail[-1], tail[-40:-1], layout, not data.endswith(b"\n")):
         return None
     text = data if data[end:] in (b"", b"\n") else data[:end]
+    if layout.delimiter == " ":
+        text, offset = _single_blanks(text[offset:]), 0
     columns = _parse_numbers(text, offset, layout, rows)
-    if columns is None and _has_all_cells(data, offset, end, layout, rows):
-        columns = _parse_with_pandas(text, offset, layout)
-    if columns is None or columns[0].size != rows:
+    if columns is None:
         return None
-    bad: tuple[dict[int, str], ...] | None = tuple({} for _ in columns)
-    if not all(map(is_finite, columns)):
-        if not _may_have_holes(columns, layout):
-            return None
-        bad = _collect_bad(columns, text, offset, layout)
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows)
-    if bad is None or set(_cut_otherwise(bad, rows)):
-        return None
-    if any(_holds_few_words(texts, rows) for texts in bad):
-        return None  # they may stand beside statistics
+    bad = tuple(dict.fromkeys(np.flatnonzero(np.isnan(c))[:KEPT].tolist(), "") for c in columns)
+    if layout.width == 1 and bad[0]:
+        return None  # an empty line is no row
     exact = {}
-    top = [layout.split(line) for line in data[offset:][:4096].decode(errors="replace").split("\n")]
+    top = [layout.split(line) for line in text[offset:][:4096].decode(errors="replace").split("\n")]
     for k, column in enumerate(columns):
         cells = [row[k] for row in top[:-1] if len(row) > k]
         digits = loses(cells, column[: len(cells)], layout.decimal)
@@ -134,50 +113,19 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     return Table(tuple(columns), bad, lines, (), layout.notices, rows, exact=exact)
 
 
-def _holds_few_words(texts: Mapping[int, str], rows: int) -> bool:
-    """Return whether a column holds words in some rows, not in most."""
-    filled = (text for text in texts.values() if text and not says_nothing(text))
-    words = sum(text[0].isalpha() or text[0] in "=#" for text in filled)
-    return 0 < 2 * words < rows
-
-
-def _has_all_cells(data: bytes, offset: int, end: int, layout: Layout, rows: int) -> bool:
-    """Return whether lines hold as many cells as there are columns: all of them, and the first.
-
-    ``end`` is behind the last cell.
-    """
-    if layout.delimiter == " ":
-        return True
-    sign = layout.delimiter.encode()
-    stop = data.find(b"\n", end)
-    stop = len(data) if stop < 0 else stop
-    missing = layout.trailing and sign not in data[end - 1 : stop]  # behind the last cell
-    cells = layout.lead + layout.width + layout.trailing
-    if data.count(sign, offset, stop) != rows * (cells - 1) - missing:
-        return False
-    # pandas would take the first of too many cells for names of the rows
-    return rows == 1 or data.count(sign, offset, data.find(b"\n", offset)) == cells - 1
-
-
-def _may_have_holes(columns: Sequence[FloatArray], layout: Layout) -> bool:
-    """True if what the cells without a number hold can be told without going line by line."""
-    holes = [np.isnan(column) for column in columns]
-    if np.logical_and.reduce(holes).any():
-        return False  # it may be a second header
-    if any(MAX_BAD_KEPT < np.count_nonzero(found) < found.size for found in holes):
-        return False  # whether they are empty or hold text is not known of all of them
-    # The count of separators says nothing of blanks, nor of blank lines in a single column.
-    uncounted = layout.delimiter == " " or layout.width == 1
-    return not (uncounted and holes[-1].any())
+def _single_blanks(text: bytes) -> bytes:
+    """Lines with one blank between two cells, where any number of blanks and tabs separates them."""
+    text = text.replace(b"\t", b" ")
+    while b"  " in text:
+        text = text.replace(b"  ", b" ")
+    return text.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
 
 
 def _parse_numbers(data: bytes, offset: int, layout: Layout, rows: int) -> list[FloatArray] | None:
-    """Read a table of numbers and empty cells; ``None`` where it holds anything else.
+    """Read a table of numbers and empty cells, NaN; ``None`` where it holds anything else.
 
     Block by block into the columns: there is no second copy of them.
     """
-    if layout.delimiter == " ":
-        return None  # any number of blanks separates two cells
     import pyarrow as pa
     from pyarrow import csv
 
@@ -201,74 +149,17 @@ def _parse_numbers(data: bytes, offset: int, layout: Layout, rows: int) -> list[
         ):  # fmt: skip
             end = begin + batch.num_rows
             for column, cells in zip(columns, batch.columns):
-                whole = cells.fill_null(np.nan) if cells.null_count else cells
+                whole = cells.fill_null(0.0) if cells.null_count else cells
                 # as bytes: its own conversion imports pandas, which takes as long as the reading
                 column[begin:end] = np.frombuffer(whole.buffers()[1])[whole.offset :][: len(whole)]
+                if not is_finite(column[begin:end]):
+                    return None  # words for no number
+                if cells.null_count:
+                    column[begin:end][np.array(cells.is_null().to_pylist())] = np.nan
             begin = end
     except (pa.ArrowInvalid, ValueError):  # the latter of more rows than there are lines
         return None
-    return [_only_finite(column) for column in columns] if begin == rows else None
-
-
-def _only_finite(column: FloatArray) -> FloatArray:
-    """A column with NaN for whatever is no finite number."""
-    return column if is_finite(column) else np.where(np.isfinite(column), column, np.nan)
-
-
-def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatArray] | None:
-    """Read a table some columns of which hold text; ``None`` where it is not regular."""
-    import pandas as pd
-
-    buffer = io.BytesIO(data)  # shares the bytes
-    buffer.seek(offset)
-    width = layout.lead + layout.width + layout.trailing
-    try:
-        with warnings.catch_warnings():
-            # A column of numbers and text: reported later, if that column is used.
-            warnings.simplefilter("ignore", pd.errors.DtypeWarning)
-            frame = pd.read_csv(
-                buffer,
-                sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
-                header=None,
-                names=list(range(width)),
-                decimal=layout.decimal,
-                na_values=[""],
-                keep_default_na=False,
-                skip_blank_lines=False,
-                engine="c",
-            )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError):
-        return None
-    if layout.trailing and frame[width - 1].notna().any():
-        return None  # something stands behind the last separator
-    columns: list[FloatArray] = []
-    for index in range(layout.lead, layout.lead + layout.width):
-        series = frame[index]
-        if series.dtype == object and "integer" in pd.api.types.infer_dtype(series, skipna=True):
-            return None  # integers too large for a machine's: Python read them, and "1_000" too
-        if series.dtype.kind in "fiu":
-            column = series.to_numpy(dtype=np.float64)
-        else:  # text somewhere in the column; booleans are text too: no logger means 1 by True
-            text = series.astype("object").where(series.notna(), "").map(str)
-            column, _ = _to_numbers(text.tolist(), layout)
-        columns.append(_only_finite(column))
-    return columns
-
-
-def _collect_bad(
-    columns: Sequence[FloatArray], data: bytes, offset: int, layout: Layout
-) -> tuple[dict[int, str], ...] | None:
-    """Fetch the text of cells that are not numbers; ``None`` where a line ends before the last."""
-    rows = [np.flatnonzero(np.isnan(column))[:MAX_BAD_KEPT] for column in columns]
-    lines = data[offset:].split(b"\n")
-    if layout.delimiter != " ":
-        sign, needed = layout.delimiter.encode(), layout.lead + layout.width - 1
-        if any(lines[row].count(sign) < needed for row in np.flatnonzero(np.isnan(columns[-1]))):
-            return None
-    return tuple(
-        {int(row): layout.split(lines[row].decode(errors="replace"))[index] for row in found}
-        for index, found in enumerate(rows)
-    )
+    return columns if begin == rows else None
 
 
 def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
@@ -510,7 +401,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     filled = [row for row, cell in enumerate(cells) if cell and not cell.isspace()]
     if 0 < len(filled) < len(cells):
         values[filled], texts_at = _to_numbers([cells[row] for row in filled], layout)
-        empty = np.setdiff1d(np.arange(len(cells)), filled)[:MAX_BAD_KEPT]
+        empty = np.setdiff1d(np.arange(len(cells)), filled)[:KEPT]
         bad = dict.fromkeys(empty.tolist(), "") | {filled[k]: t for k, t in texts_at.items()}
         return values, dict(sorted(bad.items()))
     bad = {}
@@ -520,7 +411,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
             values[row] = to_number(text)
         if not np.isfinite(values[row]):
             values[row] = np.nan
-            if text or len(bad) < MAX_BAD_KEPT:
+            if text or len(bad) < KEPT:
                 bad[row] = text
     return values, bad
 
