@@ -14,11 +14,10 @@ import numpy as np
 
 from ..errors import LogError
 from .matlab_objects import read_objects
-from .sink import Array, Sink, full, library
+from .sink import DEEPEST, MOST_CELLS, Array, Sink, full, library
 from .tables import add_array, add_packed
 
 _MOST_OBJECTS = 20_000
-_DEEPEST = 32
 _LONG = 1 << 20  # numbers, from which they are not there twice
 _CLASSES = {"double", "single", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16",
             "uint32", "uint64"}  # fmt: skip
@@ -44,9 +43,9 @@ class _Reader:
 
     def walk(self, group: Any, path: str, depth: int) -> None:
         """Everything in a group, groups within it included."""
-        if depth > _DEEPEST:
+        if depth > DEEPEST:
             raise LogError(
-                f"groups stand within one another more than {_DEEPEST} deep.",
+                f"groups stand within one another more than {DEEPEST} deep.",
                 remedy="Export the recording again.",
             )
         names = list(group)
@@ -162,7 +161,7 @@ class _Reader:
 
     def _follow(self, node: Any, name: str, path: str, lengths: list[int], depth: int) -> None:
         """Follow the references of a MATLAB cell array or structure array."""
-        if node.size > 1000 or depth > _DEEPEST:
+        if node.size > MOST_CELLS or depth > DEEPEST:
             self.sink.leave(name, f"{node.size} references", group=path)
             return
         for k, reference in enumerate(np.ravel(node[()]), start=1):

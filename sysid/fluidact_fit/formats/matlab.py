@@ -11,11 +11,9 @@ import numpy as np
 
 from ..errors import LogError
 from .matlab_objects import read_objects
-from .sink import Array, Sink, full, library
+from .sink import DEEPEST, MOST_CELLS, Array, Sink, full, library
 from .tables import add_array
 
-_DEEPEST = 32
-_MOST_CELLS = 1000
 _FULL = 1 << 24  # numbers of a sparse matrix that is filled up
 
 
@@ -75,7 +73,7 @@ def _own_name(name: str, value: Any) -> str:
 def _take(sink: Sink, name: str, value: Any, group: str, lengths: list[int], depth: int) -> None:
     """A variable, a field or a cell: an array, or what is taken apart further."""
     kind = type(value).__name__
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         sink.leave(name, "too deep within structures", group=group)
     elif hasattr(value, "_fieldnames"):
         _take_structure(sink, name, value, group, depth)
@@ -86,7 +84,7 @@ def _take(sink: Sink, name: str, value: Any, group: str, lengths: list[int], dep
     elif hasattr(value, "toarray"):
         _take_sparse(sink, name, value, group, lengths)
     elif isinstance(value, np.ndarray) and value.dtype == object:
-        if value.size > _MOST_CELLS:
+        if value.size > MOST_CELLS:
             sink.leave(name, f"{value.size} cells", group=group)
             return
         for k, part in enumerate(value.ravel(order="F"), start=1):

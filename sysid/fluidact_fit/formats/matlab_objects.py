@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .sink import Array, Sink, full, library, seconds_of
+from .sink import DEEPEST, MOST_CELLS, Array, Sink, full, library, seconds_of
 
 _READ = ("table", "timetable", "datetime", "duration", "timeseries")
 _OF_SIMULINK = "Simulink.SimulationData."  # what holds its time series
-_DEEPEST = 32
-_MOST_CELLS = 1000
 
 
 def read_objects(path: str, sink: Sink, *, counted: bool = False) -> None:
@@ -66,13 +64,13 @@ def _values(name: str, value: Any, counted: bool, depth: int) -> Iterator[tuple[
     """Tables and instants within a variable, by their names with what holds them."""
     if hasattr(value, "columns") or getattr(value, "dtype", np.dtype("f8")).kind in "mM":
         yield name, value
-    if hasattr(value, "properties") and depth <= _DEEPEST:
+    if hasattr(value, "properties") and depth <= DEEPEST:
         if value.classname == "timeseries":
             yield name, value
         elif isinstance(value.properties, dict):
             for part in value.properties.values():
                 yield from _within(name, part, depth + 1)
-    if not isinstance(value, np.ndarray) or depth > _DEEPEST or value.size > _MOST_CELLS:
+    if not isinstance(value, np.ndarray) or depth > DEEPEST or value.size > MOST_CELLS:
         return
     alone = value.size == 1 and not (counted and value.dtype == object)
     for k, cell in enumerate(value.ravel(order="F"), start=1):
@@ -86,7 +84,7 @@ def _values(name: str, value: Any, counted: bool, depth: int) -> Iterator[tuple[
 def _within(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     """Tables and time series within an object: logged signals have names, or are counted."""
     several = isinstance(value, np.ndarray) and value.dtype == object
-    parts = value.ravel(order="F")[:_MOST_CELLS] if several else [value]
+    parts = value.ravel(order="F")[:MOST_CELLS] if several else [value]
     for k, part in enumerate(parts, start=1):
         own = _text(_properties(part).get("Name")) or (f"signal{k}" if len(parts) > 1 else "")
         if not several and getattr(part, "classname", "") == "timeseries":

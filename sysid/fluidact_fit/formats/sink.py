@@ -14,7 +14,9 @@ import numpy.typing as npt
 from ..errors import LogError
 
 Array = npt.NDArray[Any]
-MOST_VECTORS = 4096
+MOST_COLUMNS = 4096  # of any log
+DEEPEST = 32  # groups, structures or cells within one another
+MOST_CELLS = 1000  # of an array of cells or references
 _MOST_ELEMENTS = 20_000
 KEPT = 5000  # texts of cells that are no number, of one vector
 _MOST_KEPT = 50_000  # of all
@@ -66,9 +68,9 @@ class Sink:
         LogError
             When all of them take more than they may.
         """
-        if len(self.vectors) >= MOST_VECTORS:
+        if len(self.vectors) >= MOST_COLUMNS:
             raise LogError(
-                f"it holds more than {MOST_VECTORS} channels.",
+                f"it holds more than {MOST_COLUMNS} channels.",
                 remedy="Export those that are needed.",
             )
         kind = np.dtype(dtype)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .sink import KEPT, MOST_VECTORS, Array, Sink, full
+from .sink import KEPT, MOST_COLUMNS, Array, Sink, full
 
 _WIDE = 10  # times as many columns as rows, from which rows are taken for the channels
 _SINCE = re.compile(r"\s*(\w+) since .*", re.DOTALL)
@@ -53,7 +53,7 @@ def add_array(
         across = across or (not down and columns >= _WIDE * rows)
     if across:
         values = values.T
-    if values.shape[1] > MOST_VECTORS:
+    if values.shape[1] > MOST_COLUMNS:
         sink.leave(name, f"a table of {values.shape[1]} columns", group=group)
         return
     for k in range(values.shape[1]):

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, where_finite
+from ..formats.sink import KEPT, MOST_COLUMNS
 from ..units import is_doubtful_suffix, names_input, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
@@ -22,9 +23,7 @@ from .groups import united
 from .layout import NUMBER, to_number
 from .log import Account, Column, Dialect, Element, Log, count_of
 
-_MOST_COLUMNS = 4096
 _PROBED = 200  # cells that show whether a column holds instants
-_KEPT = 5000  # texts of cells that are no number
 
 
 @dataclass(frozen=True)
@@ -115,10 +114,10 @@ def make_log(
     elements: Sequence[Element] = (),
 ) -> Log:
     """Return a log of columns; ``LogError`` when they are no table."""
-    if not named or len(named) > _MOST_COLUMNS:
+    if not named or len(named) > MOST_COLUMNS:
         raise LogError(
             f"{len(named)} columns.", where=name,
-            expected=f"Expected 1 to {_MOST_COLUMNS}.", remedy="Leave out what is not needed.",
+            expected=f"Expected 1 to {MOST_COLUMNS}.", remedy="Leave out what is not needed.",
         )  # fmt: skip
     sizes = Counter(np.size(c.values) for c in named)
     if len(sizes) > 1:
@@ -168,7 +167,7 @@ def _column(index: int, given: Named, name: str, notices: list[Notice], has_inpu
     finite = where_finite(values)
     bad: dict[int, str] = {}
     if not finite.all():
-        where = np.flatnonzero(~finite)[:_KEPT]
+        where = np.flatnonzero(~finite)[:KEPT]
         raw = np.asarray(given.values).ravel()[where].tolist()
         bad = {int(k): _text(cell)[:60] for k, cell in zip(where, raw)}
         bad |= given.bad or {}

@@ -69,7 +69,6 @@ def read_trace(source: Source, written: Written) -> tuple[Layout, Table] | None:
         first_row=first.first,
         hints=_HINTS,
         header_row=first.top,
-        units_row=None,
         headers=["time", *(c.keys["Variable"] for c in filled)],
         units=[unit, *(c.keys.get("Unit", "") for c in filled)],
     )
@@ -150,7 +149,6 @@ def _samples(
         first_row=channel.first,
         hints=_HINTS,
         header_row=channel.top,
-        units_row=None,
         headers=["time", channel.keys["Variable"]],
         units=["", ""],
     )

@@ -13,8 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ..errors import LogError, Notice
+from ..formats.sink import MOST_COLUMNS
 from ..units import parse_unit_from_header, same_dimension
-from . import controldesk, labchart, labview, rigol, serial, tektronix, twincat
+from . import controldesk, labchart, labview, oscilloscopes, serial, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
 from .header import Header, find_header, join_quoted, name_rows
@@ -36,8 +37,6 @@ from .stamps import is_stamp
 from .start import Start, find_start, holds_numbers, looks_like_row
 from .stray import find_stray, holds_digits, is_damaged_row
 from .width import fit_header, refuse_decimal_commas, refuse_other_names, refuse_units_above
-
-MAX_COLUMNS = 4096
 
 _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
@@ -123,8 +122,7 @@ def _known_layout(source: Source, written: Written) -> Layout | None:
         or twincat.lay_out(source, written)
         or labview.lay_out(source, written)
         or labchart.lay_out(source, written)
-        or rigol.lay_out(source)
-        or tektronix.lay_out(source)
+        or oscilloscopes.lay_out(source)
     )
 
 
@@ -175,14 +173,14 @@ def _sample_lines(source: Source) -> tuple[list[str], list[str], bool]:
 def _refuse_wide(lines: Sequence[str], name: str) -> None:
     """Refuse absurdly wide tables before they cost minutes."""
     for number, line in enumerate(lines, start=1):
-        if len(line) <= MAX_COLUMNS:
+        if len(line) <= MOST_COLUMNS:
             continue
         widest = max(max(line.count(sign) for sign in "\t;,| "), line.count(",") // 2)
-        if widest > MAX_COLUMNS:
+        if widest > MOST_COLUMNS:
             raise LogError(
                 f"about {widest + 1} columns.",
                 where=f"{name}, line {number}",
-                expected=f"Expected one row per sample and at most {MAX_COLUMNS} columns.",
+                expected=f"Expected one row per sample and at most {MOST_COLUMNS} columns.",
                 remedy="Transpose the table, or export only the columns that are needed.",
             )
 

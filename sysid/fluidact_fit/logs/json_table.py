@@ -14,15 +14,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import LogError, Notice
+from ..formats.sink import MOST_COLUMNS
 from .clock import find_clocks
 from .layout import Hints, Layout, Written
-from .log import count_of
+from .log import count_of, cut_last_line
 from .source import Source
 
 _CERTAIN = re.compile(rb'\s*(\{\s*["}]|\[\s*[\[{"])')
 _LIKELY = re.compile(rb"\s*\[\s*[-\d]")
 _LARGEST = 64_000_000  # bytes of a document, which takes ten times as much when it is read
-_MOST_COLUMNS = 4096
 _ROWS = 200
 _UNITS = ("units", "unit", "einheiten")
 _NAMES, _ROWS_BELOW = ("columns", "fields", "header", "names"), ("data", "rows", "values")
@@ -397,9 +397,9 @@ def _units_of(value: Mapping[str, Any]) -> dict[str, str]:
 def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
     """The rows as lines of cells between tabs, and where everything is."""
     width = len(table.names)
-    if not 0 < width <= _MOST_COLUMNS:
+    if not 0 < width <= MOST_COLUMNS:
         raise _refusal(
-            f"{count_of(width, 'column')}.", source.name, f"Expected 1 to {_MOST_COLUMNS}."
+            f"{count_of(width, 'column')}.", source.name, f"Expected 1 to {MOST_COLUMNS}."
         )
     unknown = [key for key in table.units if key not in table.names]
     if unknown:
@@ -418,13 +418,7 @@ def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
     units = [table.units.get(name, "") for name in table.names]
     notices = []
     if table.cut:
-        notices.append(
-            Notice(
-                "cut-last-line",
-                f"{source.name}, line {table.cut}: the last line is cut short and was left out. "
-                "The recording probably stopped while it was written.",
-            )
-        )
+        notices.append(cut_last_line(source.name, table.cut))
     if table.others:
         listed = ", ".join(key[:40] for key in table.others[:8])
         notices.append(
@@ -441,7 +435,6 @@ def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
         first_row=int(table.headed),
         hints=Hints(kind),
         header_row=0 if table.headed else None,
-        units_row=None,
         headers=[" ".join(name.split()) for name in table.names],
         units=["s" if k in clocks else unit for k, unit in enumerate(units)],
         clocks=clocks,

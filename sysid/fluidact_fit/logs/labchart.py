@@ -76,7 +76,6 @@ def lay_out(source: Source, written: Written) -> Layout | None:
         first_row=first,
         hints=_HINTS,
         header_row=lines.index(next(s for s in lines if s.startswith("ChannelTitle="))),
-        units_row=None,
         headers=[*(["time", "date"][:before] if before else ["time"]), *names],
         units=[*(["s", ""][:before] if before else ["s"]), *units],
         clocks=clocks,

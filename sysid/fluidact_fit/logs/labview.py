@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from ..errors import LogError
 from .groups import counted_groups, group_columns
 from .layout import (
-    NUMBER,
     Counted,
     Group,
     Hints,
@@ -139,7 +138,7 @@ def _by_channel(
 
 
 def _numbers(cells: Sequence[str], count: int) -> tuple[float, ...]:
-    return tuple(list(map(number_of, cells)) or [0.0] * count)
+    return tuple([number_of(c) or 0.0 for c in cells] or [0.0] * count)
 
 
 def _build(
@@ -169,7 +168,6 @@ def _build(
         first_row=start,
         hints=_HINTS,
         header_row=first.top,
-        units_row=None,
         headers=[x_name, *(first.names[k] for k in held)],
         units=["s" if x_name == "time" else "", *(first.units[channels.index(k)] for k in held)],
         groups=tuple(groups),
@@ -199,5 +197,5 @@ def _decimal(lines: Sequence[str], body: Sequence[str], delimiter: str) -> str:
     """The decimal sign of the samples; what the header says of it where they do not tell."""
     cells = [cell for line in body for cell in split_cells(line, delimiter)]
     said = next((line for line in lines[:40] if line.startswith("Decimal_Separator")), "")
-    numbers = " ".join(cell for cell in cells if any(form.match(cell) for form in NUMBER.values()))
+    numbers = " ".join(cell for cell in cells if number_of(cell) is not None)
     return decimal_of(numbers, delimiter, "," if said.rstrip().endswith(",") else ".")

@@ -46,9 +46,9 @@ def to_number(text: str) -> float:
     return float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
 
 
-def number_of(text: str) -> float:
-    """The value of a number in a header, with either decimal sign; 0 for any other text."""
-    return to_number(text) if any(form.match(text) for form in NUMBER.values()) else 0.0
+def number_of(text: str) -> float | None:
+    """The value of a number in a header, with either decimal sign; ``None`` for other text."""
+    return to_number(text) if any(form.match(text) for form in NUMBER.values()) else None
 
 
 def decimal_of(text: str, delimiter: str, otherwise: str = ".") -> str:
@@ -186,7 +186,7 @@ class Group:
     counted: tuple[Counted, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Layout(Cut):
     """Place of the table and rule for splitting it.
 
@@ -205,8 +205,8 @@ class Layout(Cut):
 
     first_row: int
     hints: Hints
-    header_row: int | None
-    units_row: int | None
+    header_row: int | None = None
+    units_row: int | None = None
     headers: Sequence[str]
     units: Sequence[str]
     again: frozenset[str] = frozenset()

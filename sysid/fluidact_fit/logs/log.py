@@ -267,6 +267,15 @@ def name_columns(columns: Sequence[Column]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
+def cut_last_line(name: str, line: int) -> Notice:
+    """Return the notice of a line that was left out because the file ends within it."""
+    return Notice(
+        "cut-last-line",
+        f"{name}, line {line}: the last line is cut short and was left out. "
+        "The recording probably stopped while it was written.",
+    )
+
+
 def exclude_lines(lines: Sequence[int] | IntArray, shown: int = 3) -> str:
     """Return the options that leave out lines, ``--exclude lines=7 --exclude lines=9:12``."""
     numbers = np.asarray(lines, dtype=np.int64)

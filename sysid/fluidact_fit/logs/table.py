@@ -21,7 +21,7 @@ from .clock import Clocks, read_clocks
 from .exact import Exact, loses, of_cells, of_column
 from .groups import complete, merge
 from .layout import NUMBER, Layout, to_number
-from .log import IntArray, count_of, name_lines
+from .log import IntArray, count_of, cut_last_line, name_lines
 from .restart import refuse_other_blocks, refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
 from .statistics import begins_with_statistic, find_statistics
@@ -114,7 +114,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
 
 
 def _single_blanks(text: bytes) -> bytes:
-    """Lines with one blank between two cells, where any number of blanks and tabs separates them."""
+    """Lines with one blank between two cells, where any number of blanks and tabs may stand."""
     text = text.replace(b"\t", b" ")
     while b"  " in text:
         text = text.replace(b"  ", b" ")
@@ -176,13 +176,7 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
         else:
             cut = lines.pop()
             rows.pop()
-        notices.append(
-            Notice(
-                "cut-last-line",
-                f"{source.name}, line {cut}: the last line is cut short and was left out. "
-                "The recording probably stopped while it was written.",
-            )
-        )
+        notices.append(cut_last_line(source.name, cut))
     worded = [
         (n, len(row))
         for n, row in zip(lines, rows)

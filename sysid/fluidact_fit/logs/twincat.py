@@ -41,7 +41,6 @@ _KEYS = {
 }
 _PROJECT = {"File", "Starttime of export", "Endtime of export"}
 _NAME = re.compile(r'"?Name"?([\t ;,:])')
-_NUMBER = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?")
 _FILETIME = re.compile(r"\d{17,19}")
 _NO_UNIT = {"(none)", "none", "-", "null"}
 _NEUTRAL = {"Offset": 0.0, "ScaleFactor": 1.0, "Unit Offset": 0.0, "Unit ScaleFactor": 1.0}
@@ -77,7 +76,7 @@ def _first_row(lines: Sequence[str], top: int, delimiter: str) -> int:
     """Index of the first line below the attributes whose first cell is a number, or blank."""
     for k in range(top + 1, len(lines)):
         cells = split_cells(lines[k], delimiter)
-        if any(cells) and (not cells[0] or _NUMBER.fullmatch(cells[0])):
+        if any(cells) and (not cells[0] or number_of(cells[0]) is not None):
             return k
     return len(lines)
 
@@ -154,7 +153,6 @@ def _build(
         first_row=first,
         hints=_HINTS,
         header_row=top,
-        units_row=None,
         headers=["time", *headers] if timed else headers,
         units=[time_unit, *units] if timed else units,
         clocks=clocks,
@@ -172,7 +170,7 @@ def _counted(
     ``held`` are the channels' places in the header, where the rows have the columns of time
     ``left_out`` or not.
     """
-    steps = [number_of(periods[k]) if k < len(periods) else 0.0 for k in held]
+    steps = [(k < len(periods) and number_of(periods[k])) or 0.0 for k in held]
     if min(steps) <= 0.0:
         return []
     places = range(len(held)) if left_out else held
@@ -195,7 +193,8 @@ def _scaled(
     for k in held:
         for key, neutral in _NEUTRAL.items():
             text = attributes.get(key, ())[k : k + 1]
-            if text and _NUMBER.fullmatch(text[0]) and (value := number_of(text[0])) != neutral:
+            value = number_of(text[0]) if text else None
+            if value not in (None, neutral):
                 found.append(f"'{names[k]}' ({key} {value:g})")
     if not found:
         return ()

@@ -20,6 +20,7 @@ from itertools import zip_longest
 from typing import Any
 
 from ..errors import LogError, Notice
+from ..formats.sink import MOST_COLUMNS
 from .archives import Budget, open_zip
 from .layout import Layout, Written
 from .log import count_of
@@ -30,7 +31,6 @@ _BOOK = "xl/workbook.xml"
 _LARGEST = 1 << 28  # bytes of unpacked XML
 _BLOCK = 1 << 20
 _MOST_ROWS = 1_048_576
-_MOST_COLUMNS = 4096
 _DAY = 86_400 * 10**6  # microseconds
 _BUG = 60  # Excel counts a 29 February 1900
 
@@ -185,7 +185,7 @@ def _rows(sheet: Any, formulas: Any, epoch: datetime, name: str) -> Iterator[lis
         each.reset_dimensions()  # which a file may state as it likes
     others = formulas.iter_rows() if formulas is not None else ()
     for number, (row, other) in enumerate(zip_longest(sheet.iter_rows(), others), start=1):
-        if number > _MOST_ROWS or len(row or ()) > _MOST_COLUMNS:
+        if number > _MOST_ROWS or len(row or ()) > MOST_COLUMNS:
             raise _refusal(f"sheet '{sheet.title[:40]}' has too many rows or columns.", name)
         cells = [_text(cell, epoch) for cell in row or ()]
         for k, cell in enumerate(other or ()):
