@@ -11,6 +11,7 @@ import pytest
 from fluidact_fit.errors import LogError
 from fluidact_fit.family import Role, Variant
 from fluidact_fit.logs import Log, describe, experiments, read_log
+from fluidact_fit.logs.columns import default_column
 
 ROLES = (Role("time", "s", ""), Role("outlet", "1", "", output=True))
 
@@ -152,6 +153,16 @@ def test_a_log_that_passes_midnight_tells_day_from_month(tmp_path: Path, first: 
         lambda t: f"04-Mar-2020 11:59:{50 + t:06.3f}",
         lambda t: f"4-Mai-2020 11:59:{50 + t:06.3f}",
         lambda t: f"4-Mär-2020 11:59:{50 + t:06.3f}",
+        lambda t: f"PT{t:g}S",
+        lambda t: f"P1DT2H{t:g}S",
+        lambda t: f"T#{int(t)}s{1000 * (t % 1):g}ms",
+        lambda t: f"t#{2 + int(1000 * t)}MS",
+        lambda t: f"TIME#49d_1h_{int(t)}s_{1000 * (t % 1):g}ms",
+        lambda t: f"LTIME#{int(1000 * t)}ms0us0ns",
+        lambda t: f"TOD#11:59:{50 + t:06.3f}",
+        lambda t: f"LDT#2020-03-04-11:59:{50 + t:06.3f}",
+        lambda t: f"2020-03-04T11:59:{50 + t:06.3f}+01:00[Europe/Berlin]",
+        lambda t: f"2020-03-04 11:59:{50 + t:06.3f} Europe/Berlin",
     ],
 )
 def test_durations_and_names_of_months(tmp_path: Path, cell: Callable[[float], str]) -> None:
@@ -179,6 +190,23 @@ def test_stamps_of_a_calendar_need_no_unit(
     given = read_log(bound.path, columns={"outlet": "p"}, units={"time": "s"})
     (one,), _ = experiments(given, Variant("any", ROLES, ()))
     assert one.sample_time == pytest.approx(step, rel=1e-4)  # what the user says is believed
+
+
+@pytest.mark.parametrize("cell", ["T#1ms1s", "T#1s1s", "T#5", "T#1.2.3s", "P1M", "T#s", "D#5"])
+def test_durations_that_are_none_are_named(tmp_path: Path, cell: str) -> None:
+    """Units of a PLC literal go from large to small, each once; a month has no length."""
+    log = read(tmp_path, "Time,p", [f"{cell},{k}.5" for k in range(40)])
+    assert not log.columns[0].clock
+    assert log.columns[0].bad[0] == cell
+
+
+def test_a_timer_is_not_taken_for_the_time(tmp_path: Path) -> None:
+    """The only column of durations was, although another one was called the time."""
+    rows = [f"{0.125 * k},T#{k % 8}ms,{k}.5" for k in range(40)]
+    assert default_column(read(tmp_path, "Zeit,timer,p", rows), "time").index == 1
+    rows = [f"{k},T#{125 * k}ms,{k}.5" for k in range(40)]
+    assert default_column(read(tmp_path, "count,elapsed,p", rows), "time").index == 2
+    assert default_column(read(tmp_path, "count,at,p", rows), "time").index == 2
 
 
 def test_a_unit_does_not_apply_to_a_clock(tmp_path: Path) -> None:

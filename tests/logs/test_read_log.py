@@ -31,7 +31,7 @@ TEXTS = st.floats(-1e6, 1e6, allow_nan=False).map(lambda v: f"{v:.5f}")
     cut=st.sampled_from([(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (" ", ".")]),
     preamble=st.sampled_from(PREAMBLES),
     header=st.sampled_from(HEADERS),
-    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-32", "cp1252"]),
     trailing=st.booleans(),
     ending=st.sampled_from(["\n", "\r\n", "\r"]),
     final=st.booleans(),

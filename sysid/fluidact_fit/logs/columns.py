@@ -209,8 +209,8 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
 def default_column(log: Log, role: str) -> Column | None:
     """Return the column whose name, unit and case aside, is the role; ``None`` without one.
 
-    The one column of clock times is the time where no other is called so, else the one that has
-    another name for it.
+    Where no other is called so, the time is the column that has another name for it, one of clock
+    times before others; else the one column of clock times.
     """
     for name in (role, *_SYNONYMS.get(role, ())):
         named = [c for c in log.columns if c.header and not c.part_of]
@@ -226,8 +226,9 @@ def default_column(log: Log, role: str) -> Column | None:
         return None
     clocks = [c for c in log.columns if c.clock]
     timed = [c for c in log.columns if c.header and not c.part_of and _is_called_time(c)]
-    found = clocks if len(clocks) == 1 else [c for c in timed if not _is_given(log, c)]
-    return found[0] if len(found) == 1 else None
+    timed = [c for c in timed if not _is_given(log, c)]
+    named = [c for c in timed if c.clock]
+    return next((found[0] for found in (named, timed, clocks) if len(found) == 1), None)
 
 
 def _is_called_time(column: Column) -> bool:

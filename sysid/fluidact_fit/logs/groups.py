@@ -141,7 +141,8 @@ def unite(bases: Sequence[Base], name: str) -> United:
         When a time does not increase, unless it is that of all columns.
     """
     times, lines = [b.instants for b in bases], [b.lines for b in bases]
-    instants, places = times[0], [np.arange(times[0].size, dtype=np.intp)] * len(bases)
+    places: list[IntArray] = [np.arange(times[0].size)] * len(bases)
+    instants = times[0]
     if not all(np.array_equal(x, each[0]) for each in (times, lines) for x in each):
         for base in bases:
             require_order(base, name)

@@ -156,6 +156,8 @@ def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
             raise _refusal(f"this is {what}.", name, remedy)
     if raw.startswith(codecs.BOM_UTF8):
         return _checked(raw.removeprefix(codecs.BOM_UTF8), name, "utf-8-sig")
+    if raw.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        return "utf-32", _recode(raw, "utf-32", name)
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16", _recode(raw, "utf-16", name)
     head = raw[:_PROBE]

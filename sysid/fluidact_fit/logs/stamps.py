@@ -21,7 +21,7 @@ _CLOCK = (
     r"(?::(?P<second>\d{1,2})(?:[:;](?P<fourth>\d{1,9}))?)?(?:[.,](?P<part>\d+))?"
     r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
-_ZONE = r"Z|[+-]\d\d(?::?\d\d)?|[A-Z]{3,4}"
+_ZONE = r"Z|[+-]\d\d(?::?\d\d)?(?:\[[\w/+-]+\])?|[A-Z]{3,4}|[A-Z]\w+/[A-Z]\w+"
 _STAMP = re.compile(rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>{_ZONE})?", re.ASCII)
 # 20240501T115641.250, 20240501115641
 _DIGITS = re.compile(
@@ -36,9 +36,19 @@ _MONTHS = {
     "jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9,
     "oct": 10, "nov": 11, "dec": 12, "mär": 3, "mai": 5, "okt": 10, "dez": 12,
 }  # fmt: skip
-# How long since the start, as MATLAB writes it: 0.01 sec
-_DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.ASCII)
-_SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
+# How long since the start: 0.01 sec of MATLAB, PT1M0.5S of ISO 8601, T#1m_500ms of IEC 61131-3
+_DURATION = re.compile(
+    r"\d+(?:\.\d*)? (?:ms|s|sec|min|hr)"
+    r"|(?i:(?:L?T(?:IME)?#|P(?=\d+D|T))(?P<minus>-?)(?:T?\d+(?:\.\d*)?(?:[mun]?s|[dhm])_?)+)",
+    re.ASCII,
+)
+_PARTS = re.compile(r"(\d+(?:\.\d*)?) ?(ms|us|ns|sec|s|min|m|hr|h|d)", re.IGNORECASE)
+_SIZES = {"ns": 1, "us": 10**3, "ms": 10**6, "s": SECOND, "m": 60 * SECOND, "h": 3600 * SECOND}
+_SIZES |= {"sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND, "d": 86_400 * SECOND}
+# Dates and times of day of IEC 61131-3: DT#2024-05-31-12:00:00.5, TOD#12:00:00, D#2024-05-31
+_LITERAL = re.compile(
+    r"(?i:L?DT|DATE_AND_TIME|L?TOD|TIME_OF_DAY|L?D|DATE)#(\d+-\d+-\d+)?-?(\d+:.*)?", re.ASCII
+)
 
 _TIME_NAME = re.compile(
     r"time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros|\b(?:date|datum|fecha)\b",
@@ -89,7 +99,7 @@ def is_time_name(name: str) -> bool:
 def is_stamp(text: str) -> bool:
     """Return whether a cell is a date, a time of day with seconds, both, or a duration."""
     if not text[:1].isdigit():
-        return False
+        return ("#" in text or text[:1] in ("P", "p")) and read_stamp(text) is not None
     long = len(text) >= 7 or ":" in text or _DURATION.fullmatch(text) is not None
     return long and read_stamp(text) is not None
 
@@ -110,10 +120,12 @@ def read_stamp(text: str) -> Stamp | None:
     """Return what a cell says, ``None`` where it is no date and no time of day."""
     if (digits := _DIGITS.fullmatch(text)) is not None:
         return _of_digits(*digits.groups())
+    if (literal := _LITERAL.fullmatch(text)) is not None:
+        text = " ".join(filter(None, literal.groups()))
     found = _STAMP.fullmatch(text)
     if found is None:
-        since = _DURATION.fullmatch(text)
-        return since and Stamp(None, round(float(since["size"]) * _SIZES[since["unit"]]), None)
+        since = _duration(text)
+        return None if since is None else Stamp(None, since, None)
     slashed = None if found["a"] is None else (int(found["a"]), int(found["b"]), _year(found["c"]))
     try:
         day = _day(found)
@@ -135,6 +147,17 @@ def read_stamp(text: str) -> Stamp | None:
         hourless=found["second"] is None and not dated,
         fourth=None if found["fourth"] is None else tuple(n or "" for n in numbers),
     )
+
+
+def _duration(text: str) -> int | None:
+    """How long since the start [ns], ``None`` for other text."""
+    found = _DURATION.fullmatch(text)
+    parts = [] if found is None else _PARTS.findall(text)
+    sizes = [_SIZES[unit.casefold()] for _, unit in parts]
+    if found is None or sizes != sorted(set(sizes), reverse=True):
+        return None
+    since = sum(round(float(number) * size) for (number, _), size in zip(parts, sizes))
+    return -since if found["minus"] else since
 
 
 def _day(found: re.Match[str]) -> int | None:
@@ -203,5 +226,6 @@ def _offset(zone: str | None) -> int:
     """Offset of a zone ahead of UTC [ns], where it says so."""
     if zone is None or zone[0] not in "+-":
         return 0
-    size = (int(zone[1:3]) * 60 + int(zone[3:].lstrip(":") or 0)) * 60 * SECOND
+    minutes = zone[3:].partition("[")[0].lstrip(":")
+    size = (int(zone[1:3]) * 60 + int(minutes or 0)) * 60 * SECOND
     return -size if zone[0] == "-" else size
