@@ -616,3 +616,27 @@ def test_words_between_a_preamble_and_four_rows_are_no_damaged_row(tmp_path: Pat
     rows = [f"0,0{k}  4000,00  36{k}8,2000" for k in range(4)]
     log = read(tmp_path, ["Operator  N. N.", "", "Pr\u00fcfstand 3, 21,5 \u00b0C", *rows])
     assert log.lines.tolist() == [4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [f"{i}.25;{'' if i % 3 else i};{i % 7}.5" for i in range(400)],
+        [f"{i}.25;;{i % 7}.5" for i in range(400)],
+        [f"  {i}.25 \t{i % 7}.5   {i * i}e-3 \t " for i in range(400)],
+        ["", *(f"{i}.25;{i % 7}.5;{i}" for i in range(400))],
+        [f"{i}.25;{i % 7}.5;{'' if i == 5 else 'nan' if i == 9 else i}" for i in range(400)],
+    ],
+)
+def test_large_tables_are_read_as_small_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[str]
+) -> None:
+    logs = []
+    for limit in (0, 10**9):
+        monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+        logs.append(read(tmp_path, rows))
+    fast, careful = logs
+    np.testing.assert_array_equal(fast.lines, careful.lines)
+    for one, other in zip(fast.columns, careful.columns, strict=True):
+        np.testing.assert_array_equal(one.values, other.values)
+        assert (one.bad, one.sparse) == (other.bad, other.sparse)

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import LogError
 from .sink import EXACT, KEPT, Sink, library, numbers_of
 
-_DATE = re.compile(r"\d[-:/.]\d")
+_DATE = re.compile(r"\d[-:/.]\d|#\d")
 _PROBED = 200  # cells that show whether text may be instants
 _NONE = np.iinfo(np.int64).min
 _PARTS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "date32[day]": 1.0 / 86_400.0,

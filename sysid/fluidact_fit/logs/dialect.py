@@ -11,10 +11,11 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from ..errors import LogError, Notice
 from ..formats.sink import MOST_COLUMNS
-from ..units import parse_unit_from_header, same_dimension
+from ..units import looks_like_unit, parse_unit_from_header, same_dimension
 from . import controldesk, labchart, labview, oscilloscopes, serial, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
@@ -55,6 +56,7 @@ _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
+_BEHIND = re.compile(r"(?<=\d) ?([^\W\d_][^\s;,|\"]*|[%°][^\s;,|\"]*)(?=\s*(?:[;,|\t\"]|$))")
 _WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
@@ -73,7 +75,7 @@ def find_layout(source: Source, written: Written) -> Layout:
     skipped = max(written.skip_rows, written.header_row or 0)
     if complete and skipped:
         body = [line for line in head[skipped:] if line.strip()] or body
-    body = [line for line in body if not hints.is_session(line)]
+    body = as_written = [line for line in body if not hints.is_session(line)]
     capture = serial.recognise(body)
     if capture is not None:
         hints = replace(
@@ -84,6 +86,9 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
+    elif behind := _units_behind(body):
+        body, tidy = list(map(_without_units, body)), partial(_without_units, units=behind)
+        cut = replace(_choose_cut(body, hints, written, source.name), tidy=tidy)
     elif 2 * sum(map(bool, map(_is_quoted_row, body))) > len(body):
         body = list(map(_unquoted, body))
         cut = _choose_cut(body, hints, written, source.name)
@@ -110,6 +115,8 @@ def find_layout(source: Source, written: Written) -> Layout:
         raise _no_table(source.name, written, skipped)  # one number is none
     visible = _hidden(head, written.skip_rows)
     layout = _lay_out(visible, body, start, cut, hints, written, source.name)
+    if capture is None and behind:
+        layout = _with_units_behind(layout, as_written[0])
     return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
 
 
@@ -239,6 +246,30 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     if delimiter is None:
         return _CANDIDATES
     return [(delimiter, sign) for sign in ".,"]
+
+
+def _units_behind(body: Sequence[str]) -> tuple[str, ...]:
+    """Units behind the numbers of every line, the same in all; none of durations alone."""
+    found = {tuple(_BEHIND.findall(line)) for line in body}
+    units = found.pop() if len(found) == 1 else ()
+    timed = all(same_dimension(unit, "s") for unit in units)
+    return units if not timed and all(map(looks_like_unit, units)) else ()
+
+
+def _without_units(line: str, units: tuple[str, ...] | None = None) -> str:
+    """A line without the units behind its numbers, if they are those of all lines."""
+    return _BEHIND.sub("", line) if units in (None, tuple(_BEHIND.findall(line))) else line
+
+
+def _with_units_behind(layout: Layout, line: str) -> Layout:
+    """The layout with the units that stand behind the numbers; two of a column are not read."""
+    cells = split_cells(line, layout.delimiter)[layout.lead :]
+    units = list(layout.units)
+    for k, found in enumerate(map(_BEHIND.search, cells[: layout.width])):
+        if found is not None:
+            stated = {units[k], parse_unit_from_header(layout.headers[k])[1]} - {"", None, found[1]}
+            units[k] = " or ".join([*map(str, stated), found[1]])
+    return replace(layout, units=units)
 
 
 def _is_quoted_row(line: str) -> bool:

@@ -97,9 +97,10 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     if columns is None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows)
-    bad = tuple(dict.fromkeys(np.flatnonzero(np.isnan(c))[:KEPT].tolist(), "") for c in columns)
-    if layout.width == 1 and bad[0]:
+    holes = [np.isnan(column) for column in columns]
+    if np.logical_and.reduce(holes).any():
         return None  # an empty line is no row
+    bad = tuple(dict.fromkeys(np.flatnonzero(empty)[:KEPT].tolist(), "") for empty in holes)
     exact = {}
     top = [layout.split(line) for line in text[offset:][:4096].decode(errors="replace").split("\n")]
     for k, column in enumerate(columns):

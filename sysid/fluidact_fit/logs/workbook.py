@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import warnings
 import zipfile
 import zlib
@@ -21,6 +22,7 @@ from typing import Any
 
 from ..errors import LogError, Notice
 from ..formats.sink import MOST_COLUMNS
+from ..units import looks_like_unit
 from .archives import Budget, open_zip
 from .layout import Layout, Written
 from .log import count_of
@@ -32,6 +34,7 @@ _LARGEST = 1 << 28  # bytes of unpacked XML
 _BLOCK = 1 << 20
 _MOST_ROWS = 1_048_576
 _DAY = 86_400 * 10**6  # microseconds
+_LITERAL = re.compile(r'"([^"]*)"')  # of a number format: what is shown behind the number
 _BUG = 60  # Excel counts a 29 February 1900
 
 
@@ -205,7 +208,9 @@ def _text(cell: Any, epoch: datetime) -> str:
         return _clean(str(value))
     style = _kind_of(cell.number_format[:200])
     if style == "number" or not math.isfinite(value):
-        return repr(value)
+        shown = _LITERAL.search(cell.number_format[:200])
+        unit = shown[1].strip() if shown else ""
+        return f"{value!r} {unit}" if looks_like_unit(unit) else repr(value)
     if style == "duration":
         seconds, part = divmod(round(value * _DAY), 10**6)
         hours, rest = divmod(seconds, 3600)

@@ -1,0 +1,65 @@
+"""Units behind the numbers, as multimeters and formatted spreadsheets write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from openpyxl import Workbook
+
+from fluidact_fit.logs import Log, read_log
+
+T = 0.004 * np.arange(60)
+U, P = 5.0 * np.sin(9.0 * T), 10.0 + T
+
+
+def read(folder: Path, lines: list[str]) -> Log:
+    path = folder / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_log(path)
+
+
+@pytest.mark.parametrize("form", ["{:.3f} s;{:.3f} mV;{:.4f} bar", "{:.3f}s,{:.3f}mV,{:.4f}bar",
+                                  "{:.3f}\t{:.3f} mV\t{:.4f} bar"])  # fmt: skip
+def test_units_behind_numbers_are_those_of_their_columns(tmp_path: Path, form: str) -> None:
+    """No table of numbers was found."""
+    sign = next(c for c in ";,\t" if c in form)
+    log = read(tmp_path, [sign.join(["t", "u", "p"]), *map(form.format, T, U, P)])
+    assert [c.name for c in log.columns] == ["t", "u", "p"]
+    assert [c.unit for c in log.columns] == ["s" if "s" in form else None, "mV", "bar"]
+    np.testing.assert_allclose(log.columns[1].values, np.round(U, 3), rtol=1e-12)
+
+
+def test_another_unit_of_a_single_cell_is_no_number(tmp_path: Path) -> None:
+    """A multimeter changes its range; where that is, no reading is taken for one of the others."""
+    cells = [f"{u:.3f} V" for u in U]
+    whole = read(tmp_path, ["t,u", *(f"{t:.3f},{c}" for t, c in zip(T, cells))])
+    assert not whole.columns[1].bad
+    cells[2] = "312.0 mV"  # above the lines that are looked at first
+    log = read(tmp_path, ["t,u", *(f"{t:.3f},{c}" for t, c in zip(T, cells))])
+    assert log.columns[1].bad == {2: "312.0 mV"}
+    assert np.isnan(log.columns[1].values[2])
+
+
+def test_a_unit_that_the_header_contradicts_is_not_read(tmp_path: Path) -> None:
+    lines = [f"{t:.3f};{p:.3f} mbar" for t, p in zip(T, P)]
+    log = read(tmp_path, ["t [s];p [bar]", *lines])
+    assert log.columns[1].unit == "bar or mbar"
+    log = read(tmp_path, ["t [s];p [mbar]", *lines])
+    assert log.columns[1].unit == "mbar"
+
+
+def test_units_in_number_formats_of_a_workbook(tmp_path: Path) -> None:
+    """The cells are shown with them; volts were assumed."""
+    book = Workbook()
+    sheet = book.active
+    sheet.append(["time [s]", "command", "outlet [bar]"])
+    for row, cells in enumerate(zip(T, U, P), start=2):
+        sheet.append(list(map(float, cells)))
+        sheet.cell(row, 2).number_format = '0.00" mV"'
+        sheet.cell(row, 3).number_format = '0.0"x"'
+    book.save(tmp_path / "log.xlsx")
+    log = read_log(tmp_path / "log.xlsx")
+    assert [c.unit for c in log.columns] == ["s", "mV", "bar"]
+    np.testing.assert_allclose(log.columns[1].values, U, rtol=1e-15)
