@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..experiment import FloatArray
-from ..rows import blocks
 
 # Of these widths hardly anything but a counter begins again [bits].
 _WIDE = 16, 24, 31, 32
@@ -70,7 +69,8 @@ def digits_of_clock(stamps: FloatArray) -> int | None:
     for size in (1.0, 100.0, 1_000.0, 100_000.0):
         if high // (100 * size) == low // (100 * size):
             continue  # no skip can lie between
-        if not all(_may_be_digits(np.floor(stamps[at] / size)) for at in blocks(stamps.size)):
+        whole = np.floor(stamps / size)
+        if np.any(whole % 100 >= 60) or np.any(whole // 100 % 100 >= 60):
             continue
         steps, minutes = np.diff(stamps), np.diff(np.floor(stamps / (100 * size)))
         usual = steps[(minutes == 0) & (steps > 0)]
@@ -83,7 +83,3 @@ def digits_of_clock(stamps: FloatArray) -> int | None:
         if np.all(over < max(step / size, 0.5)):
             return int(skips[0])
     return None
-
-
-def _may_be_digits(whole: FloatArray) -> bool:
-    return bool(np.all(whole % 100 < 60) and np.all(whole // 100 % 100 < 60))

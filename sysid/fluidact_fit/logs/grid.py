@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..experiment import FloatArray, IndexArray
-from ..rows import blocks, evenly
+from ..rows import evenly
 from .log import IntArray
 
 _UNIFORM = 1e-6
@@ -51,21 +51,16 @@ def print_resolution(stamps: FloatArray) -> float:
     """Return the decimal power that all printed stamps are multiples of, 0 without one."""
     if not stamps.size:
         return 0.0
-    largest = _largest(stamps)
+    largest = float(np.abs(stamps).max())
     for digits in range(13):
         power = 10.0**digits
         tolerance = 4 * np.finfo(float).eps * max(1.0, largest * power)
         if tolerance > 0.05:
             break
-        scaled = (stamps[at] * power for at in (slice(2000), *blocks(stamps.size)))
+        scaled = (part * power for part in (stamps[:2000], stamps))
         if all(np.abs(part - np.round(part)).max() <= tolerance for part in scaled):
             return float(10.0**-digits)
     return 0.0
-
-
-def _largest(stamps: FloatArray) -> float:
-    """Largest size of any stamp."""
-    return float(max(stamps.max(), -stamps.min()))
 
 
 def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: float) -> Run:
@@ -101,11 +96,12 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
     Printed stamps are rounded (or truncated): deviations from the grid may span one unit
     of the last printed digit.
     """
-    noise = 8 * np.finfo(float).eps * _largest(stamps)
+    noise = 8 * np.finfo(float).eps * float(np.abs(stamps).max())
     for step in _guess_steps(stamps, resolution):
         if step <= 0:
             continue
-        low, high = _deviations(stamps, step)
+        off = stamps - evenly(float(stamps[0]), step, stamps.size)
+        low, high = float(off.min()), float(off.max())
         tolerance = _UNIFORM * step + noise
         if max(high, -low) <= tolerance:
             return float(stamps[0]), step
@@ -119,16 +115,6 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
             shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
             return float(stamps[0]) + shift, step
     return None
-
-
-def _deviations(stamps: FloatArray, step: float) -> tuple[float, float]:
-    """Return how far stamps lie before and behind a grid that begins with the first one."""
-    ends = []
-    for at in blocks(stamps.size):
-        off = stamps[at] - (stamps[0] + np.arange(at.start, at.stop) * step)
-        ends.append((float(off.min()), float(off.max())))
-    lows, highs = zip(*ends)
-    return min(lows), max(highs)
 
 
 def _guess_steps(stamps: FloatArray, resolution: float) -> Iterator[float]:

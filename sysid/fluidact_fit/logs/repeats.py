@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import Experiment, FloatArray, where_changed
-from ..rows import blocks
 from ..specification import Variant
 from .checks import smallest_step
 from .columns import Binding
@@ -132,22 +131,15 @@ def _others_move(experiment: Experiment, role: str) -> bool:
 def _may_repeat(values: FloatArray) -> bool:
     """Return whether there are rows enough without a new reading, beside those of a motion.
 
-    A quick look, block by block, that spares nearly all signals the other one.
+    A quick look that spares nearly all signals the other one.
     """
-    same, changes, least, moving = 0, 0, np.inf, 0
-    for at in blocks(values.size - 1):
-        size = np.abs(np.diff(values[at.start : at.stop + 1]))
-        changed = size > 0.0
-        count = int(np.count_nonzero(changed))
-        same, changes = same + size.size - count, changes + count
-        moves = size if count == size.size else size[changed]
-        least = min(least, float(moves.min(initial=np.inf)))
+    size = np.abs(np.diff(values))
+    changes = int(np.count_nonzero(size))
+    same = size.size - changes
     if changes < 3 * _FEWEST or same < _FEWEST:
         return False
-    for at in blocks(values.size - 1):
-        fast = np.abs(np.diff(values[at.start : at.stop + 1])) >= _FAST * least
-        moving += int(np.count_nonzero(fast[1:] & fast[:-1]))
-    return same >= _SHARE * moving
+    fast = size >= _FAST * float(size[size > 0.0].min())
+    return bool(same >= _SHARE * np.count_nonzero(fast[1:] & fast[:-1]))
 
 
 def rows_per_reading(values: FloatArray, led: bool = False) -> float:

@@ -11,14 +11,12 @@ where its result hangs on it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, Signal
-from ..rows import blocks
 from ..specification import Variant
 from .log import count_of
 
@@ -89,15 +87,11 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
 
 def _back_again(values: FloatArray) -> tuple[IndexArray, FloatArray]:
     """Samples from which the signal is back with the next, and how far off each lies, ``(m,)``."""
-    places, heights = [], []
-    for at in blocks(values.size - 2):
-        part = values[at.start : at.stop + 2]
-        jumps = np.diff(part)
-        turns = np.flatnonzero(jumps[:-1] * jumps[1:] < 0.0)
-        inner = np.minimum(np.abs(jumps[turns]), np.abs(jumps[turns + 1]))
-        found = np.abs(part[turns + 2] - part[turns]) <= _BACK * inner
-        places.append(at.start + 1 + turns[found])
-        heights.append(inner[found])
+    jumps = np.diff(values)
+    turns = np.flatnonzero(jumps[:-1] * jumps[1:] < 0.0)
+    inner = np.minimum(np.abs(jumps[turns]), np.abs(jumps[turns + 1]))
+    found = np.abs(values[turns + 2] - values[turns]) <= _BACK * inner
+    places, heights = [1 + turns[found]], [inner[found]]
     first, last = np.abs(np.diff(values[:3])), np.abs(np.diff(values[-3:]))[::-1]
     for place, (jump, beside) in ((0, first), (values.size - 1, last)):
         if jump > 0.0 and beside <= _BACK * jump:
@@ -116,12 +110,10 @@ def _left_when_removed(values: FloatArray, order: IndexArray) -> FloatArray:
     # a jump goes with the first of its two samples
     jumps, first = np.unique(sides[inside], return_index=True)
     largest = np.zeros(order.size + 1)
-    size = np.abs(values[jumps + 1] - values[jumps])
-    np.maximum.at(largest, np.flatnonzero(inside)[first] // 2, size)
-    for begin, size in _changes(values):
-        gone = jumps[slice(*np.searchsorted(jumps, (begin, begin + size.size)))]
-        size[gone - begin] = 0.0
-        largest[-1] = max(largest[-1], size.max())
+    size = np.abs(np.diff(values))
+    np.maximum.at(largest, np.flatnonzero(inside)[first] // 2, size[jumps])
+    size[jumps] = 0.0
+    largest[-1] = size.max()
     left: FloatArray = np.maximum.accumulate(largest[::-1])[::-1][1:]
     return left
 
@@ -136,9 +128,8 @@ def where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
             continue
         if signal.values.size != n:  # a step that was not recorded
             if experiment.time.size and signal.time.size:
-                for at in blocks(n):
-                    away = np.abs(experiment.time[at] - signal.time[0])
-                    moved[at] |= away <= _NEAR * experiment.sample_time
+                away = np.abs(experiment.time - signal.time[0])
+                moved |= away <= _NEAR * experiment.sample_time
             continue
         jumps = _jumps(signal.values)
         for near in range(-1, 1 + _NEAR):
@@ -148,25 +139,10 @@ def where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
 
 def _jumps(values: FloatArray) -> IndexArray:
     """Samples with which a signal jumps: by more than it changes all the time, as a sine does."""
-    largest = max(float(size.max(initial=0.0)) for _, size in _changes(values))
-    # where most are far below the largest, or not far enough, their median need not be known
-    low, high = _MOVED / _USUAL * largest, largest / _USUAL
-    above, near = 0, 0
-    for _, size in _changes(values):
-        above += int(np.count_nonzero(size > low))
-        near += int(np.count_nonzero(size >= high))
-    jump = _MOVED * largest
-    if 2 * near > values.size - 1:
+    size = np.abs(np.diff(values))
+    if not size.size:
         return np.zeros(0, dtype=np.intp)
-    if 2 * above >= values.size - 1:
-        jump = max(jump, _USUAL * float(np.median(np.abs(np.diff(values)))))
-    return np.concatenate([begin + np.flatnonzero(size > jump) for begin, size in _changes(values)])
-
-
-def _changes(values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Sizes of the changes from sample to sample, in blocks, each with where it begins."""
-    for at in blocks(values.size - 1):
-        yield at.start, np.abs(np.diff(values[at.start : at.stop + 1]))
+    return np.flatnonzero(size > max(_MOVED * size.max(), _USUAL * np.median(size)))
 
 
 def _notice(experiment: Experiment, signal: Signal, found: IndexArray) -> Notice:

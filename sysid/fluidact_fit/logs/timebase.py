@@ -16,7 +16,6 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import BoolArray, FloatArray, IndexArray, at_rows
-from ..rows import blocks
 from .columns import Binding, counts_for
 from .counters import digits_of_clock, find_overflow
 from .grid import Run, make_run, print_resolution
@@ -313,10 +312,7 @@ def _power(number: float) -> str:
 
 def _in_order(stamps: FloatArray, behind: np.ufunc) -> bool:
     """Return whether every stamp is ``behind`` the one before it."""
-    return all(
-        bool(np.all(behind(stamps[at.start + 1 : at.stop + 1], stamps[at])))
-        for at in blocks(stamps.size - 1)
-    )
+    return bool(np.all(behind(stamps[1:], stamps[:-1])))
 
 
 def _sort_out(stamps: Sequence[float], usual: float) -> tuple[IndexArray, list[int], list[int]]:

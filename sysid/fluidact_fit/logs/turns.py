@@ -14,7 +14,6 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, IndexArray, at_rows, is_finite
-from ..rows import blocks
 from ..units import after_number
 from .columns import Binding
 from .grid import Run
@@ -175,12 +174,10 @@ def _span(parts: Sequence[tuple[IndexArray, FloatArray]]) -> float:
 
 def _jumps(values: FloatArray, span: float) -> bool:
     """Return whether readings go through most of their range within a few samples."""
-    for at in blocks(values.size):
-        some = values[at.start : at.stop + _WITHIN]
-        for apart in (1, _WITHIN):
-            if some.size > apart and np.abs(some[apart:] - some[:-apart]).max() > 0.5 * span:
-                return True
-    return False
+    return any(
+        values.size > apart and np.abs(values[apart:] - values[:-apart]).max() > 0.5 * span
+        for apart in (1, _WITHIN)
+    )
 
 
 class _Steps:
