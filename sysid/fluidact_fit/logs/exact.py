@@ -60,21 +60,21 @@ def of_objects(values: Sequence[Any]) -> Exact | None:
     return Exact(np.array(since), Decimal(known[0]))
 
 
-def loses(cells: Sequence[str], values: FloatArray, decimal: str) -> int | None:
-    """Decimals of a column of stamps of which doubles lose some; else ``None``."""
+def loses(cells: Sequence[str], values: FloatArray, decimal: str) -> bool:
+    """Return whether the first of a column of stamps have digits that doubles do not hold."""
     known = np.flatnonzero(np.isfinite(values[:_ROWS])).tolist()
     if not known or abs(float(values[known[0]])) < _LARGE:
-        return None
+        return False
     texts = [cells[k].strip().replace(decimal, ".") for k in known]
     found = [_PLAIN.fullmatch(text) for text in texts]
     digits = max((len(m[1] or "") for m in found if m), default=0)
     spacing = float(np.spacing(abs(values[known[0]])))
-    return digits if None not in found and spacing > _HELD * 10.0**-digits else None
+    return None not in found and spacing > _HELD * 10.0**-digits
 
 
 def of_cells(cells: Sequence[str], values: FloatArray, layout: Layout) -> Exact | None:
     """Differences to the first of a column of stamps, ``None`` where doubles hold them."""
-    if layout.thousands or loses(cells, values, layout.decimal) is None:
+    if layout.thousands or not loses(cells, values, layout.decimal):
         return None
     at = np.flatnonzero(np.isfinite(values)).tolist()
     texts = [cells[k].strip().replace(layout.decimal, ".") for k in at]
@@ -86,26 +86,3 @@ def of_cells(cells: Sequence[str], values: FloatArray, layout: Layout) -> Exact 
     begin = int(first) if whole else 0
     since[at] = [int(t) - begin if whole else float(Decimal(t) - first) for t in texts]
     return Exact(since, first)
-
-
-def of_column(data: bytes, offset: int, layout: Layout, column: int, digits: int) -> Exact | None:
-    """The same of a column of a large table that holds nothing but numbers."""
-    import pyarrow as pa
-    from pyarrow import compute, csv
-
-    names = [str(k) for k in range(layout.lead + layout.width + layout.trailing)]
-    name = names[layout.lead + column]
-    try:
-        cells = csv.read_csv(
-            pa.BufferReader(pa.py_buffer(data).slice(offset)),
-            read_options=csv.ReadOptions(use_threads=False, column_names=names),
-            parse_options=csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
-            convert_options=csv.ConvertOptions(
-                column_types={name: pa.decimal128(30, digits)}, include_columns=[name],
-                decimal_point=layout.decimal,
-            ),
-        ).column(0)  # fmt: skip
-        since = compute.cast(compute.subtract(cells, cells[0]), pa.float64())
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError, ValueError):
-        return None
-    return Exact(np.array(since), cells[0].as_py())

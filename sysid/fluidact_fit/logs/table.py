@@ -11,6 +11,7 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..errors import LogError, Notice
 from ..experiment import FloatArray, is_finite
 from ..formats.sink import KEPT
 from .clock import Clocks, read_clocks
-from .exact import Exact, loses, of_cells, of_column
+from .exact import Exact, loses, of_cells
 from .groups import complete, merge
 from .layout import NUMBER, Layout, to_number
 from .log import IntArray, count_of, cut_last_line, name_lines
@@ -101,16 +102,14 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     if np.logical_and.reduce(holes).any():
         return None  # an empty line is no row
     bad = tuple(dict.fromkeys(np.flatnonzero(empty)[:KEPT].tolist(), "") for empty in holes)
-    exact = {}
+    exact: dict[int, Exact] = {}
     top = [layout.split(line) for line in text[offset:][:4096].decode(errors="replace").split("\n")]
     for k, column in enumerate(columns):
         cells = [row[k] for row in top[:-1] if len(row) > k]
-        digits = loses(cells, column[: len(cells)], layout.decimal)
-        if digits is not None:
-            found = of_column(text, offset, layout, k, digits)
-            if found is None:
-                return None  # line by line nothing is lost
-            exact[k] = found
+        if loses(cells, column[: len(cells)], layout.decimal):
+            parts = _open(text, offset, layout, "string", [k])
+            found = of_cells([c for part in parts for c in part[0].to_pylist()], column, layout)
+            exact |= {k: found} if found else {}
     return Table(tuple(columns), bad, lines, (), layout.notices, rows, exact=exact)
 
 
@@ -127,27 +126,10 @@ def _parse_numbers(data: bytes, offset: int, layout: Layout, rows: int) -> list[
 
     Block by block into the columns: there is no second copy of them.
     """
-    import pyarrow as pa
-    from pyarrow import csv
-
-    names = [str(k) for k in range(layout.lead + layout.width + layout.trailing)]
-    types = dict.fromkeys(names, pa.float64())
-    if layout.trailing:
-        types[names[-1]] = pa.null()  # nothing stands behind the last separator
     columns = [np.empty(rows) for _ in range(layout.width)]
     begin = 0
     try:
-        for batch in csv.open_csv(
-            pa.BufferReader(pa.py_buffer(data).slice(offset)),
-            read_options=csv.ReadOptions(use_threads=False, column_names=names),
-            parse_options=csv.ParseOptions(
-                delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False
-            ),
-            convert_options=csv.ConvertOptions(
-                column_types=types, include_columns=names[layout.lead :], null_values=[""],
-                decimal_point=layout.decimal,
-            ),
-        ):  # fmt: skip
+        for batch in _open(data, offset, layout, "double", range(layout.width + layout.trailing)):
             end = begin + batch.num_rows
             for column, cells in zip(columns, batch.columns):
                 whole = cells.fill_null(0.0) if cells.null_count else cells
@@ -158,9 +140,31 @@ def _parse_numbers(data: bytes, offset: int, layout: Layout, rows: int) -> list[
                 if cells.null_count:
                     column[begin:end][np.array(cells.is_null().to_pylist())] = np.nan
             begin = end
-    except (pa.ArrowInvalid, ValueError):  # the latter of more rows than there are lines
+    except ValueError:  # what is no number, or more rows than there are lines
         return None
     return columns if begin == rows else None
+
+
+def _open(data: bytes, offset: int, layout: Layout, kind: str, columns: Sequence[int]) -> Any:
+    """Some columns of a table of a ``kind``, in batches."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    names = [str(k) for k in range(layout.lead + layout.width + layout.trailing)]
+    types = dict.fromkeys(names, pa.type_for_alias(kind))
+    if layout.trailing:
+        types[names[-1]] = pa.null()  # nothing stands behind the last separator
+    return csv.open_csv(
+        pa.BufferReader(pa.py_buffer(data).slice(offset)),
+        read_options=csv.ReadOptions(use_threads=False, column_names=names),
+        parse_options=csv.ParseOptions(
+            delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False
+        ),
+        convert_options=csv.ConvertOptions(
+            column_types=types, include_columns=[names[layout.lead + k] for k in columns],
+            null_values=[""], decimal_point=layout.decimal,
+        ),
+    )  # fmt: skip
 
 
 def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
@@ -263,7 +267,7 @@ def _with_numbers(
         left_out += [(int(n), "empty cells") for n in lines[empty]]
         data_lines -= empty.size
         values, bad, lines = merged.values, merged.bad, merged.lines
-    exact = {}
+    exact: dict[int, Exact] = {}
     if not layout.groups:
         cells = enumerate(zip(columns, values))
         found = {k: of_cells(c, v, layout) for k, (c, v) in cells if k not in layout.clocks}
