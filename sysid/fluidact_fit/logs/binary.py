@@ -48,6 +48,8 @@ _UNFIT = {
     b"\x80\x04": ("a pickle of Python, which can run code", "Save the data as Parquet"),
     b"\x80\x05": ("a pickle of Python, which can run code", "Save the data as Parquet"),
     b"ULog\x01": ("a ULog file of PX4", "Convert it: ulog2csv LOG"),
+    b"\xd0\xcf\x11\xe0": ("an old Excel workbook, or one with a password", "Save it as XLSX"),
+    b"%PDF": ("a PDF document", "Give the log itself"),
     b"LOGG": ("a BLF trace of a bus", "Decode it into signals, as MDF"),
 }
 _SHOWN = 8

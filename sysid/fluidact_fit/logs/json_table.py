@@ -230,9 +230,6 @@ def _table_in(value: Any, name: str) -> _Table | None:
         return _split(value, keys, name)
     if channels := _of_channels(list(value.items()), name):
         return channels
-    if isinstance(value.get("schema"), dict) and isinstance(value.get("data"), list):
-        table = _of_list(value["data"], name)
-        return table and replace(table, others=("schema",))
     lists = _lists_in(value)
     if lists and all(_is_flat(v) for v in lists.values()):
         return _of_columns(lists, value, name)

@@ -21,16 +21,6 @@ _RECORDING = re.compile(r"\.(mcap|db3)(\.zstd|\.zst)?$")  # in the folder of a b
 # The minus sign of print before a number, or its exponent.
 _MINUS = re.compile(rb'(?:(?<![^\s,;|"=:])|(?<=\d[eEdD]))\xe2\x88\x92(?=[\d.,])')
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
-# Beginnings of files that people pass by mistake.
-_FOREIGN = (
-    (b"PK\x03\x04", "a zip archive", "Unpack it, and give the log in it."),
-    (
-        b"\xd0\xcf\x11\xe0",
-        "an old Excel workbook, or one with a password",
-        "Save it as XLSX or CSV.",
-    ),
-    (b"%PDF", "a PDF document", "Give the CSV log itself."),
-)
 
 
 @dataclass(frozen=True)
@@ -151,9 +141,6 @@ def _file_in(folder: Path) -> str:
 
 def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
     """Return the encoding and the same text as UTF-8 without a byte order mark."""
-    for magic, what, remedy in _FOREIGN:
-        if raw.startswith(magic):
-            raise _refusal(f"this is {what}.", name, remedy)
     if raw.startswith(codecs.BOM_UTF8):
         return _checked(raw.removeprefix(codecs.BOM_UTF8), name, "utf-8-sig")
     if raw.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):

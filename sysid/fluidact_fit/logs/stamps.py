@@ -24,11 +24,7 @@ _CLOCK = (
 _ZONE = r"Z|[+-]\d\d(?::?\d\d)?(?:\[[\w/+-]+\])?|[A-Z]{3,4}|[A-Z]\w+/[A-Z]\w+"
 _STAMP = re.compile(rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>{_ZONE})?", re.ASCII)
 # 20240501T115641.250, 20240501115641
-_DIGITS = re.compile(
-    r"((?:19|20)\d\d)(\d\d)(\d\d)[T_ ]?(\d\d)(\d\d)(\d\d)(?:[.,](\d+))?"
-    rf"\s*({_ZONE})?",
-    re.ASCII,
-)
+_DIGITS = re.compile(r"^((?:19|20)\d\d)(\d\d)(\d\d)[T_ ]?(\d\d)(\d\d)(\d\d)(?!\d)", re.ASCII)
 # Two numbers, of hours and minutes or of minutes and seconds.
 PAIR = re.compile(r"\d{1,3}:\d\d", re.ASCII)
 SECOND = 10**9
@@ -118,8 +114,7 @@ def is_bare_clock(text: str) -> bool:
 
 def read_stamp(text: str) -> Stamp | None:
     """Return what a cell says, ``None`` where it is no date and no time of day."""
-    if (digits := _DIGITS.fullmatch(text)) is not None:
-        return _of_digits(*digits.groups())
+    text = _DIGITS.sub(r"\1-\2-\3 \4:\5:\6", text)
     if (literal := _LITERAL.fullmatch(text)) is not None:
         text = " ".join(filter(None, literal.groups()))
     found = _STAMP.fullmatch(text)
@@ -195,22 +190,6 @@ def _time(found: re.Match[str], dated: bool) -> int | None:
         return None
     time = ((hour * 60 + minute) * 60 + second) * SECOND
     return time if found["fourth"] is not None else time + part
-
-
-def _of_digits(
-    year: str, month: str, day: str, hour: str, minute: str, second: str,
-    part: str | None, zone: str | None,
-) -> Stamp | None:  # fmt: skip
-    """An instant whose numbers follow each other without a sign between them."""
-    try:
-        days = date(int(year), int(month), int(day)).toordinal()
-    except ValueError:
-        return None
-    if int(hour) > 23 or int(minute) > 59 or int(second) > 60:
-        return None
-    time = ((int(hour) * 60 + int(minute)) * 60 + int(second)) * SECOND
-    time += int((part or "0")[:9].ljust(9, "0"))
-    return Stamp(days, time - _offset(zone), None, zone=_name_of(zone))
 
 
 def _year(digits: str) -> int:

@@ -33,6 +33,7 @@ _REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]++\s*+$")  # of words, o
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 _LISTED = re.compile(r"\d\s*[;|\t]\s*[+-]?\.?\d")
 RAGGED_SHARE_SERIAL = 0.5
+_AGAIN = "header again"
 _FEW = 0.1  # of the cells of a column may be written unlike the others
 
 
@@ -201,11 +202,11 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
         )
     if split.statistics:
         notices.append(_statistics_notice(source.name, split.statistics))
-    if split.again:
+    if again := [line for line, why in split.others.items() if why == _AGAIN]:
         notices.append(
             Notice(
                 "header-again",
-                f"{source.name}: the header stands again on {name_lines(split.again)}; a new run "
+                f"{source.name}: the header stands again on {name_lines(again)}; a new run "
                 "begins where the time starts again.",
             )
         )
@@ -213,11 +214,7 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
         (n, "text" if n in split.remarks else count_of(found, "field") if found else "broken")
         for n, found in ragged
     ]
-    left_out += [(n, "header again") for n in split.again]
-    left_out += [(n, "written by the logger itself") for n in split.sessions]
-    left_out += [(cut, "cut short")] if cut else []
-    left_out += [(n, "statistics") for n in split.statistics]
-    left_out += [(n, layout.skipped[n]) for n in split.skipped]
+    left_out += [*split.others.items(), *([(cut, "cut short")] if cut else [])]
     return _with_numbers(source.name, layout, split, left_out, [*layout.notices, *notices])
 
 
@@ -290,34 +287,30 @@ def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]
 @dataclass(frozen=True)
 class _Lines:
     """Lines of a table: cells and line of every row, line and number of fields where that is
-    wrong, which of these are remarks in words, lines that repeat the header, those of the logger
-    itself, of segments, and of statistics with the words for them."""
+    wrong, which of these are remarks in words, other lines with what they are, and words for the
+    statistics among them."""
 
     rows: list[list[str]]
     lines: list[int]
     ragged: list[tuple[int, int]]
     remarks: set[int]
-    again: list[int]
-    sessions: list[int]
-    skipped: list[int]
+    others: dict[int, str]
     statistics: dict[int, str]
 
     @property
     def taken(self) -> set[int]:
         """The lines with text."""
-        named = (self.again, self.sessions, self.skipped, self.statistics)
-        return {*self.lines, *(n for n, _ in self.ragged), *(n for part in named for n in part)}
+        return {*self.lines, *(n for n, _ in self.ragged), *self.others}
 
     @property
     def ends_with_data(self) -> bool:
         """Return whether the last line is a row, whole or not, and there are others."""
-        others = [*self.again[-1:], *self.sessions[-1:], *self.skipped[-1:], *self.statistics]
-        return bool(self.rows) and max(others, default=0) < self.lines[-1]
+        return bool(self.rows) and max(self.others, default=0) < self.lines[-1]
 
 
 def _split_rows(text: str, layout: Layout) -> _Lines:
     """Sort the lines of a table."""
-    out = _Lines([], [], [], set(), [], [], [], {})
+    out = _Lines([], [], [], set(), {}, {})
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
     width, delimiter, needed = layout.width, layout.delimiter, layout.needed
@@ -325,14 +318,10 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
         if not line or line.isspace():
             continue
-        if layout.hints.is_session(line):
-            out.sessions.append(number)
-            continue
-        if line in layout.again:
-            out.again.append(number)
-            continue
-        if number in layout.skipped:
-            out.skipped.append(number)
+        why = _AGAIN if line in layout.again else layout.skipped.get(number)
+        why = "written by the logger itself" if layout.hints.is_session(line) else why
+        if why:
+            out.others[number] = why
             continue
         fields = line.split(delimiter) if simple else layout.split(line)
         while len(fields) > width and not fields[-1].strip():
@@ -356,6 +345,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
     if rows and not layout.groups and not layout.hints.serial:
         found = find_statistics(rows, text, layout)
         out.statistics.update((lines[k], word) for k, word in sorted(found.items()))
+        out.others.update(dict.fromkeys(out.statistics, "statistics"))
         kept = [k for k in range(len(rows)) if k not in found]
         if found:
             rows[:], lines[:] = [rows[k] for k in kept], [lines[k] for k in kept]

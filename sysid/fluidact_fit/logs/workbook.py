@@ -63,7 +63,12 @@ def read_workbook(
         return None
     archive = open_zip(raw, source.name)
     if _BOOK not in archive.namelist():
-        return None
+        raise LogError(
+            "this is a zip archive.",
+            where=source.name,
+            expected="Expected a text file with columns of numbers (CSV or similar).",
+            remedy="Unpack it, and give the log in it.",
+        )
     computed = _check(archive, Budget(len(raw), source.name), source.name)
     signs = (written.delimiter, written.decimal, written.thousands)
     if signs != (None, None, None):
