@@ -137,3 +137,10 @@ def test_far_more_rows_than_the_file_can_hold(tmp_path: Path) -> None:
             writer.write_table(pa.table([zeros], schema))
     with pytest.raises(LogError, match="more than a file of this size may hold"):
         read_log(path)
+
+
+def test_text_of_a_plc_is_a_time(tmp_path: Path) -> None:
+    """It was taken for words."""
+    log = read(tmp_path, {"time": [f"T#{4 * k}ms" for k in range(50)], "p": [0.5] * 50})
+    assert log.columns[0].clock
+    np.testing.assert_allclose(log.columns[0].values, 0.004 * np.arange(50), atol=1e-12)

@@ -13,7 +13,7 @@ from pyarrow import parquet
 from fluidact_fit import rows
 from fluidact_fit.experiment import all_of, at_rows, is_finite
 from fluidact_fit.families import get_family
-from fluidact_fit.logs import binary, checks, experiments, grid, read_log, repeats, spikes
+from fluidact_fit.logs import checks, experiments, grid, read_log, repeats, spikes
 from fluidact_fit.logs.arrays import log_of
 from fluidact_fit.logs.log import Log
 
@@ -135,8 +135,7 @@ def table_of_all_kinds(rows: int) -> pa.Table:
     })  # fmt: skip
 
 
-def test_parquet_that_is_read_part_by_part_is_the_table(tmp_path, monkeypatch):
-    monkeypatch.setattr(binary, "_BATCH", 37)
+def test_parquet_of_several_row_groups_is_the_table(tmp_path):
     table, path = table_of_all_kinds(500), tmp_path / "log.parquet"
     parquet.write_table(table, path, row_group_size=150)
     log = read_log(path)

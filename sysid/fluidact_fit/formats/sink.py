@@ -219,12 +219,13 @@ def seconds_of(values: Array) -> tuple[Array, int, dict[int, str]]:
     ``values`` of kind ``M`` or ``m``, shape ``(n,)``. Also returns the first instant [ns since
     1970], and what is none by its row.
     """
-    none = np.isnat(values)
-    whole = values.astype(f"{values.dtype.kind}8[ns]").view(np.int64)
+    none, whole = np.isnat(values), values.view(np.int64)
     first = np.flatnonzero(~none)[:1]
     since = int(whole[first[0]]) if values.dtype.kind == "M" and first.size else 0
-    seconds = (whole - since) / 1e9
+    tick: Any = np.array(1).astype(values.dtype.str.replace("M", "m"))
+    seconds = (whole - since) / (np.timedelta64(1, "s") / tick)
     seconds[none] = np.nan
+    since *= int(tick / np.timedelta64(1, "ns"))
     return seconds, since, {int(row): "" for row in np.flatnonzero(none)[:KEPT]}
 
 

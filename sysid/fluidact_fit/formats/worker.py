@@ -62,7 +62,7 @@ def _answer(task: Mapping[str, Any]) -> dict[str, Any]:
             raise ValueError(task["reader"])
         sink_module = import_module(f"{__package__}.sink")
         sink = sink_module.Sink(task["numbers"], task["room"])
-        import_module(f"{__package__}.{task['reader']}").read(task["source"], sink, **task["how"])
+        import_module(f"{__package__}.{task['reader']}").read(task["source"], sink)
         described: dict[str, Any] = sink.described()
     except LogError as error:
         return {"error": [error.what, error.expected, error.remedy]}

@@ -23,7 +23,6 @@ from .native import Recording, Vector, read_apart
 from .source import name_of
 from .stamps import is_time_name
 
-_BATCH = 1 << 16  # rows that are decoded at once
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
     b"MATLAB 5.0": "matlab",
@@ -151,9 +150,7 @@ def _matlab_4_size(head: bytes) -> int:
 
 
 def _read(reader: str, source: Path | bytes, name: str) -> Found:
-    how = {"batch": _BATCH} if reader == "parquet" else {}
-    recording = read_apart(reader, source, name, **how)
-    return _Assembly(recording, name).found()
+    return _Assembly(read_apart(reader, source, name), name).found()
 
 
 class _Assembly:

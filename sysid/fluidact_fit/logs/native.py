@@ -85,7 +85,7 @@ class Recording:
     sha256: str
 
 
-def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Recording:
+def read_apart(reader: str, source: Path | bytes, name: str) -> Recording:
     """Read a binary recording in a process of its own.
 
     Parameters
@@ -96,8 +96,6 @@ def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Reco
         The file, or its bytes.
     name
         What messages call it.
-    how
-        Keywords of the reader.
 
     Raises
     ------
@@ -105,7 +103,7 @@ def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Reco
         When it cannot be read, or not within the limits, or changes meanwhile.
     """
     try:
-        return _read_apart(reader, source, name, how)
+        return _read_apart(reader, source, name)
     except (OSError, MemoryError) as error:
         raise LogError(
             f"there is no room to read it ({str(error) or type(error).__name__}).",
@@ -115,7 +113,7 @@ def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Reco
         ) from None
 
 
-def _read_apart(reader: str, source: Path | bytes, name: str, how: Mapping[str, Any]) -> Recording:
+def _read_apart(reader: str, source: Path | bytes, name: str) -> Recording:
     with ExitStack() as stack:
         folder: list[str] = []
 
@@ -130,7 +128,7 @@ def _read_apart(reader: str, source: Path | bytes, name: str, how: Mapping[str, 
         answer = stack.enter_context(_blank("answer", private))
         before = os.fstat(given.file.fileno())
         size = before.st_size
-        task = {"reader": reader, "how": how, **_limits(size)}
+        task = {"reader": reader, **_limits(size)}
         task |= {"source": given.path, "numbers": numbers.path, "answer": answer.path}
         ended, sha256 = _run(task, (given, numbers, answer), name)
         if isinstance(source, Path):
