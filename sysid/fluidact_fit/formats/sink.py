@@ -219,6 +219,7 @@ def seconds_of(values: Array) -> tuple[Array, int, dict[int, str]]:
     ``values`` of kind ``M`` or ``m``, shape ``(n,)``. Also returns the first instant [ns since
     1970], and what is none by its row.
     """
+    values = values.astype(values.dtype.newbyteorder("="), copy=False)
     none, whole = np.isnat(values), values.view(np.int64)
     first = np.flatnonzero(~none)[:1]
     since = int(whole[first[0]]) if values.dtype.kind == "M" and first.size else 0

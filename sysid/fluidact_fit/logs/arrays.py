@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, where_finite
-from ..formats.sink import KEPT, MOST_COLUMNS
+from ..formats.sink import KEPT, MOST_COLUMNS, seconds_of
 from ..units import is_doubtful_suffix, names_input, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
@@ -187,10 +187,8 @@ def _last_name(path: str) -> str:
 
 def _first_instant(given: Named) -> int:
     """The first of an array of instants [ns since 1970], 0 where it holds none."""
-    values = np.asarray(given.values)
-    if values.dtype.kind != "M" or np.isnat(values).all():
-        return 0
-    return int(values[~np.isnat(values)].ravel()[0].astype("datetime64[ns]").astype(np.int64))
+    values = np.asarray(given.values).ravel()
+    return seconds_of(values)[1] if values.dtype.kind == "M" else 0
 
 
 def _exact(given: Named) -> Exact | None:
@@ -231,13 +229,7 @@ def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
             )
         values = values.ravel()
     if values.dtype.kind in "mM":
-        known = ~np.isnat(values)
-        seconds = np.full(values.size, np.nan)
-        if known.any():
-            since = values[known]
-            since = since - since[0] if values.dtype.kind == "M" else since
-            seconds[known] = since.astype("timedelta64[ns]").astype(np.float64) / 1e9
-        return seconds, "s"
+        return seconds_of(values)[0], "s"
     if values.dtype.kind in "fiu":
         return values.astype(np.float64, copy=not given.own), None
     if values.dtype.kind == "c":
@@ -245,17 +237,17 @@ def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
             f"column '{given.header}' holds complex numbers.", where=name,
             remedy="Give real ones.",
         )  # fmt: skip
-    import pandas as pd
-
-    cells = pd.Series([_of_text(cell) for cell in values], dtype=object)
-    return pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64), None
+    return np.array([_number(cell) for cell in values], dtype=np.float64), None
 
 
-def _of_text(cell: Any) -> Any:
+def _number(cell: Any) -> float:
     """A cell of an array of objects: text as that of a file, a truth value is no number."""
     if isinstance(cell, str):
-        return to_number(cell) if NUMBER["."].match(cell := cell.strip()) else None
-    return None if isinstance(cell, bool | np.bool_) else cell
+        return to_number(cell) if NUMBER["."].match(cell := cell.strip()) else np.nan
+    try:
+        return np.nan if isinstance(cell, bool | np.bool_) else float(cell)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
 
 
 def _checksum(columns: Sequence[Column]) -> str:
