@@ -169,6 +169,8 @@ def test_a_slip_of_a_prefix_is_no_unit(unit: str, si: str) -> None:
         ("pos []", "pos", None),
         ("Zeit / ms", "Zeit", "ms"),
         ("t/ms", "t", "ms"),
+        ("t/s", "t", "s"),
+        ("t/h", "t", "h"),
         ("v / m/s", "v", "m/s"),
         ("Flow l/min", "Flow", "l/min"),
         ("Inlet, psi", "Inlet", "psi"),

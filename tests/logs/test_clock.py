@@ -200,6 +200,23 @@ def test_durations_that_are_none_are_named(tmp_path: Path, cell: str) -> None:
     assert log.columns[0].bad[0] == cell
 
 
+def test_a_temperature_is_not_taken_for_the_time(tmp_path: Path) -> None:
+    """ "T" was, for a "t", and the log refused."""
+    rows = [f"{0.125 * k};{20 + k % 3};{k}.5" for k in range(40)]
+    for header in ("t/s;T/°C;p", "t [s];T [degC];p", "t/s;T/Nm;p"):
+        assert default_column(read(tmp_path, header, rows), "time").index == 1
+    assert default_column(read(tmp_path, "p;T/Nm;x", rows), "time") is None
+
+
+def test_a_date_beside_a_duration_counts_from_its_own_beginning(tmp_path: Path) -> None:
+    """It counted from that of the duration, in 1970, and lost the digits below 0.2 us."""
+    rows = [f"2024-05-31 12:00:00.{4 * k:03d},0:00:00.{4 * k:03d},{k}.5" for k in range(40)]
+    log = read(tmp_path, "at,elapsed,p", rows)
+    for column in log.columns[:2]:
+        np.testing.assert_allclose(column.values, 0.004 * np.arange(40), atol=1e-12)
+    assert [c.since for c in log.columns[:2]] == [1_717_156_800_000_000_000, 0]
+
+
 def test_a_timer_is_not_taken_for_the_time(tmp_path: Path) -> None:
     """The only column of durations was, although another one was called the time."""
     rows = [f"{0.125 * k},T#{k % 8}ms,{k}.5" for k in range(40)]

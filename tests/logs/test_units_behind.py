@@ -37,9 +37,10 @@ def test_another_unit_of_a_single_cell_is_no_number(tmp_path: Path) -> None:
     whole = read(tmp_path, ["t,u", *(f"{t:.3f},{c}" for t, c in zip(T, cells))])
     assert not whole.columns[1].bad
     cells[2] = "312.0 mV"  # above the lines that are looked at first
-    log = read(tmp_path, ["t,u", *(f"{t:.3f},{c}" for t, c in zip(T, cells))])
+    log = read(tmp_path, ["t,u,p", *(f"{t:.3f},{c},{p:.3f} bar" for t, c, p in zip(T, cells, P))])
     assert log.columns[1].bad == {2: "312.0 mV"}
     assert np.isnan(log.columns[1].values[2])
+    np.testing.assert_allclose(log.columns[2].values, np.round(P, 3))
 
 
 def test_a_unit_that_the_header_contradicts_is_not_read(tmp_path: Path) -> None:

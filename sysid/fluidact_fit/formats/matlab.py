@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError
-from .matlab_objects import read_objects
+from .matlab_objects import read_objects, text_of
 from .sink import DEEPEST, MOST_CELLS, Array, Sink, full, library
 from .tables import add_array
 
@@ -109,18 +109,13 @@ def _take_structure(sink: Sink, name: str, value: Any, group: str, depth: int) -
             if key != "signals":
                 _take(sink, key, field, inside, lengths, depth + 1)
         for k, signal in enumerate(signals, start=1):
-            label = _text(getattr(signal, "label", ""))
+            label = text_of(getattr(signal, "label", ""))
             _take(sink, label or f"signal{k}", signal.values, inside, lengths, depth + 2)
         return
     for key, field in fields.items():
         _take(sink, key, field, inside, lengths, depth + 1)
     if not fields:
         sink.leave(name, "empty", group=group, signal=False)
-
-
-def _text(value: Any) -> str:
-    """A text of MATLAB; one that is empty is an empty array."""
-    return value.strip() if isinstance(value, str) else ""
 
 
 def _take_sparse(sink: Sink, name: str, value: Any, group: str, lengths: list[int]) -> None:
@@ -167,7 +162,7 @@ def _read_dspace(variable: Any, sink: Sink) -> None:
             times: Array = np.asarray(axes[axis], dtype=np.float64)
             instants[axis] = sink.add("time", times, unit="s", role="instants")
         short = _last_part(name)
-        unit = _text(getattr(y, "Unit", "")) or None
+        unit = text_of(getattr(y, "Unit", "")) or None
         label = short if counts[short] == 1 else name
         if sink.holds_numbers(label, values):
             sink.add(label, values, unit=unit, instants=instants[axis])

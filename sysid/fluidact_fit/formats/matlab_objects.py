@@ -86,7 +86,7 @@ def _within(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     several = isinstance(value, np.ndarray) and value.dtype == object
     parts = value.ravel(order="F")[:MOST_CELLS] if several else [value]
     for k, part in enumerate(parts, start=1):
-        own = _text(_properties(part).get("Name")) or (f"signal{k}" if len(parts) > 1 else "")
+        own = text_of(_properties(part).get("Name")) or (f"signal{k}" if len(parts) > 1 else "")
         if not several and getattr(part, "classname", "") == "timeseries":
             own = ""  # it is called as the signal that it belongs to
         yield from _values(full(name, own) if own else name, part, False, depth)
@@ -112,7 +112,7 @@ def _take_series(sink: Sink, name: str, series: Mapping[str, Any]) -> None:
     rows = np.moveaxis(values, axis, 0).reshape(times.size, -1)
     group, _, own = name.rpartition(".")
     instants = sink.add("time", times, group=group, unit=unit or "s", role="instants")
-    quantity = _text(_properties(series.get("DataInfo")).get("Units")) or None
+    quantity = text_of(_properties(series.get("DataInfo")).get("Units")) or None
     for k, column in enumerate(rows.T, start=1):
         label = own if rows.shape[1] == 1 else f"{own}{k}"
         numbers = column.astype(np.float64)
@@ -123,7 +123,7 @@ def _take_series(sink: Sink, name: str, series: Mapping[str, Any]) -> None:
 def _times(series: Mapping[str, Any]) -> tuple[Array, str]:
     """The instants of a time series and their unit; none where it keeps them otherwise."""
     about = _properties(series.get("TimeInfo"))
-    unit = _text(about.get("Units"))
+    unit = text_of(about.get("Units"))
     for given in (series.get("Time_"), series.get("Time"), about.get("Time_")):
         if isinstance(given, np.ndarray) and given.dtype.kind in "fiu" and given.size > 1:
             return given.ravel().astype(np.float64), unit
@@ -144,7 +144,7 @@ def _properties(value: Any) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
     """A text of MATLAB, empty for anything else."""
     if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "UO":
         value = value.item()

@@ -156,7 +156,7 @@ def _column(index: int, given: Named, name: str, notices: list[Notice], has_inpu
         clock, doubt = bool(clocks.seconds), clocks.doubts.get(index - 1, "")
         values, unit = clocks.seconds.get(index - 1, values), "s" if clock else None
         notices += clocks.notices
-        since = clocks.since
+        since = clocks.since.get(index - 1, 0)
     last = _last_name(header) if given.path else header
     written, in_header = parse_unit_from_header(last)
     if given.path:

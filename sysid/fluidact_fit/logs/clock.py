@@ -24,6 +24,7 @@ _FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
 _FRACTION = re.compile(r":\d\d[.,](\d{1,9})")
 _LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
+_UNDATED = 365 * _DAY  # that clocks without a date do not reach
 _EPOCH = date(1970, 1, 1).toordinal()
 _HOUR = 3_600 * SECOND
 _SET_BACK = {
@@ -72,14 +73,15 @@ def _with_point(line: str) -> str:
 class Clocks(NamedTuple):
     """Columns of clock times by their index: seconds, shape ``(n_rows,)``, and notices.
 
-    ``doubts`` say why a column was not read, and below what to do. ``since`` is the instant that
-    the seconds count from [ns since 1970, or since midnight without a date].
+    ``doubts`` say why a column was not read, and below what to do. ``since`` are the instants that
+    the seconds count from [ns since 1970, or since midnight without a date]: one for all with a
+    date, another one for all others.
     """
 
     seconds: dict[int, FloatArray]
     notices: tuple[Notice, ...] = ()
     doubts: Mapping[int, str] = MappingProxyType({})
-    since: int = 0
+    since: Mapping[int, int] = MappingProxyType({})
 
 
 def read_clocks(
@@ -88,7 +90,7 @@ def read_clocks(
     lines: IntArray,
     name: str,
 ) -> Clocks:
-    """Turn columns of clock times into seconds since the first sample of them all.
+    """Turn columns of clock times into seconds since the first sample.
 
     Parameters
     ----------
@@ -122,10 +124,11 @@ def read_clocks(
                 )
             )
     read = {k: column.instants for k, column in found.items()}
-    first = [next((v for v in values if v is not None), None) for values in read.values()]
-    origin = min((v for v in first if v is not None), default=0)
-    out = {}
+    first = {k: next((v for v in values if v is not None), 0) for k, values in read.items()}
+    out, begins = {}, {}
     for k, instants in read.items():
+        alike = [v for v in first.values() if (abs(v) > _UNDATED) == (abs(first[k]) > _UNDATED)]
+        begins[k] = origin = min(alike)
         values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in instants]
         known = np.array([v is not None for v in values], dtype=np.bool_)
         since: IntArray = np.array([v - origin for v in values if v is not None], dtype=np.int64)
@@ -134,7 +137,7 @@ def read_clocks(
         out[k] = np.full(len(values), np.nan)
         out[k][known] = since / SECOND
     doubts = {k: f"{c.doubt}\n{c.remedy}" for k, c in found.items() if c.doubt}
-    return Clocks(out, tuple(notices), doubts, origin)
+    return Clocks(out, tuple(notices), doubts, begins)
 
 
 class _Instants(NamedTuple):

@@ -215,6 +215,8 @@ def default_column(log: Log, role: str) -> Column | None:
     for name in (role, *_SYNONYMS.get(role, ())):
         named = [c for c in log.columns if c.header and not c.part_of]
         matches = [c for c in named if name in (_fold(c.name), _fold(c.header))]
+        if name != role:  # "T" may be a temperature
+            matches = [c for c in matches if c.unit is None or same_dimension(c.unit, TIME.unit)]
         if len(matches) > 1:
             raise _ambiguous(log, role, name, matches)
         if matches:

@@ -56,7 +56,7 @@ _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
-_BEHIND = re.compile(r"(?<=\d) ?([^\W\d_][^\s;,|\"]*|[%°][^\s;,|\"]*)(?=\s*(?:[;,|\t\"]|$))")
+_BEHIND = re.compile(r'(?<=\d) ?((?:[^\W\d_]|[%°])[^\s;,|"]*(?: [AD]C)?)(?=\s*(?:[;,|\t"]|$))')
 _WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
@@ -256,9 +256,13 @@ def _units_behind(body: Sequence[str]) -> tuple[str, ...]:
     return units if not timed and all(map(looks_like_unit, units)) else ()
 
 
-def _without_units(line: str, units: tuple[str, ...] | None = None) -> str:
-    """A line without the units behind its numbers, if they are those of all lines."""
-    return _BEHIND.sub("", line) if units in (None, tuple(_BEHIND.findall(line))) else line
+def _without_units(line: str, units: Sequence[str] | None = None) -> str:
+    """A line without the units behind its numbers; one that is not that of all lines stays."""
+    found = _BEHIND.findall(line)
+    if units is not None and len(found) != len(units):
+        return line
+    usual = iter(units or found)
+    return _BEHIND.sub(lambda m: "" if m[1] == next(usual) else m[0], line)
 
 
 def _with_units_behind(layout: Layout, line: str) -> Layout:

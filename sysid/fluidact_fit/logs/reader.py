@@ -323,7 +323,7 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
                 doubt=table.doubts.get(index - 1, ""),
                 also=tuple(also),
                 exact=table.exact.get(index - 1),
-                since=table.since if clock else 0,
+                since=table.since.get(index - 1, 0),
             )
         )
     return tuple(columns)

@@ -46,7 +46,8 @@ class Table:
     every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
     ``data_lines`` lines hold the rows: several in a line where columns have their own times.
     ``doubts`` say why columns of clock times were not read, and ``exact`` has the differences of
-    stamps with more digits than the values hold, by index. Clock times count from ``since`` [ns].
+    stamps with more digits than the values hold, by index. Clock times count from the instants
+    ``since`` [ns], by index.
     """
 
     values: tuple[FloatArray, ...]
@@ -57,7 +58,7 @@ class Table:
     data_lines: int
     doubts: Mapping[int, str] = field(default_factory=dict)
     exact: Mapping[int, Exact] = field(default_factory=dict)
-    since: int = 0
+    since: Mapping[int, int] = field(default_factory=dict)
 
 
 def read_table(source: Source, layout: Layout) -> Table:

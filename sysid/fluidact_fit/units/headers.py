@@ -402,6 +402,8 @@ def _stroke(text: str) -> tuple[str, str] | None:
     name, sign, unit = text.partition("/")
     if not (sign and name.isalpha()) or (name != _TIME and normalise_unit(name) in TABLE):
         return None
+    if name == _TIME and unit in ("s", "h", "d"):
+        return name, unit
     if unit in _DOUBTFUL_HEADERS | _PARTS or fold(unit) in REMARKS or not unit:
         return None
     return (name, unit) if is_common_unit(unit) or (len(unit) > 1 and means_unit(unit)) else None
