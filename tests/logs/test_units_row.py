@@ -168,3 +168,10 @@ def test_the_name_of_a_section_is_no_unit(tmp_path: Path, head: list[str]) -> No
     path = tmp_path / "log.csv"
     path.write_text("\n".join([*head, *THREE]))
     assert [c.unit for c in read_log(path).columns] == ["ms", "bar", "V"]
+
+
+def test_a_size_before_the_first_unit_is_no_instant(tmp_path: Path) -> None:
+    """The row of units was taken for samples, and the log refused."""
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["t;p;x", "10 ms;bar;mm", *THREE]) + "\n", encoding="utf-8")
+    assert [c.unit for c in read_log(path).columns] == ["10 ms", "bar", "mm"]

@@ -26,7 +26,7 @@ from ..units import (
     unit_within,
     without_size,
 )
-from .carry import find_carry
+from .counters import find_carry
 from .log import Column, Log
 from .stamps import is_time_name, names_time
 

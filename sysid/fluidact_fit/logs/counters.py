@@ -1,8 +1,13 @@
-"""Numbers that do not count on as time does: counters that overflow, digits of clocks."""
+"""Numbers that do not count on as time does: counters that overflow, digits of clocks.
+
+And two columns of which one counts what the other has counted to its end, as seconds and
+nanoseconds, or seconds and frames: how far the lower one counts shows where the upper one goes up.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +18,7 @@ _WIDE = 16, 24, 31, 32
 _NARROW = 8, 10, 12, 14, 15
 _DECIMAL = range(3, 13)  # digits of a counter that a logger prints
 _SCALED = range(10)  # powers of ten by which what was counted is printed
+_REGULAR = 0.9  # of the steps; others are gaps, or where it starts again
 
 
 def find_overflow(stamps: FloatArray, resolution: float) -> float | None:
@@ -83,3 +89,34 @@ def digits_of_clock(stamps: FloatArray) -> int | None:
         if np.all(over < max(step / size, 0.5)):
             return int(skips[0])
     return None
+
+
+@dataclass(frozen=True)
+class Carry:
+    """Carry of a lower counter into a higher one, give or take ``spread``."""
+
+    base: float
+    spread: float
+
+    def is_at(self, base: float) -> bool:
+        """Return whether it may count up to that."""
+        return abs(self.base - base) <= self.spread
+
+
+def find_carry(upper: FloatArray, lower: FloatArray) -> Carry | None:
+    """Return how far the lower of two numbers counts, ``None`` where that does not show.
+
+    ``upper`` and ``lower`` are whole numbers of shape ``(n,)``. The lower one has to grow while the
+    upper one stays, and to fall wherever that goes up by one, always as far.
+    """
+    up, steps = np.diff(upper), np.diff(lower)
+    inside, across = steps[up == 0], steps[up == 1]
+    regular = inside.size + across.size >= _REGULAR * up.size
+    if not (regular and inside.size and across.size) or inside.min() < 0 or across.max() >= 0:
+        return None
+    usual = float(np.median(inside))
+    bases = usual - across
+    base = float(np.median(bases))
+    uneven = max(float(np.abs(bases - base).max()), float(np.quantile(np.abs(inside - usual), 0.9)))
+    spread = uneven + 0.5
+    return Carry(base, spread) if usual > 0 and spread < 0.5 * base else None

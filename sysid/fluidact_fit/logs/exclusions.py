@@ -197,8 +197,5 @@ def _apart(run: Run, x: Exclusion) -> list[Run]:
     """The parts of a run before and after what is excluded."""
     slack = 1e-6 * run.sample_time
     before, after = run.time < x.low - slack, run.time > x.high + slack
-    parts = []
-    for kept in (before, after):
-        if kept.sum() >= MIN_RUN:
-            parts.append(replace(run, rows=run.rows[kept], time=run.time[kept]))
+    parts = [run.part(kept) for kept in (before, after) if kept.sum() >= MIN_RUN]
     return [run] if (before | after).all() else parts

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..experiment import FloatArray, IndexArray
+from ..experiment import BoolArray, FloatArray, IndexArray
 from ..rows import evenly
 from .log import IntArray
 
@@ -29,6 +29,11 @@ class Run:
     time: FloatArray
     sample_time: float
     uniform: bool
+
+    def part(self, kept: BoolArray) -> Run:
+        """Return some of the rows, ``kept`` of shape ``(n,)``."""
+        time = self.time[kept] if self.time.size else self.time
+        return replace(self, rows=np.asarray(self.rows)[kept], time=time)
 
 
 def untimed_run(rows: int) -> Run:

@@ -337,8 +337,8 @@ def _look_at(index: int, line: str, cut: Cut, counting: bool = False) -> _Row:
     if named is not None and all(map(says_nothing, filter(None, named))):
         return _Row(index, named, False, False, True)
     if named is not None:
-        # No column is called by a number, but the unit of the first may be 1.
-        numbered = cut.is_value(named[0])
+        # No column is called by a number, but the unit of the first may be 1, or 10 ms.
+        numbered = cut.is_value(named[0]) and not looks_like_unit(named[0])
         units = _are_units(named, 0.5) and (not numbered or (named[0] == "1" and not counting))
         return _Row(index, named, not cut.is_number(named[0]), units, mixed)
     cells: list[str] = []

@@ -87,8 +87,12 @@ def without_invalid(log: Log, bindings: Mapping[str, Binding], runs: Sequence[Ru
     dropped = np.flatnonzero(bad & _used(bindings, runs, log.rows))
     if not dropped.size:
         return everything
-    pairs = [(_part(run, ~bad[run.rows]), run) for run in runs]
-    pairs = [(part, run) for part, run in pairs if part.rows.size >= MIN_RUN]
+    kept = [~bad[run.rows] for run in runs]
+    pairs = [
+        (run if at.all() else replace(run.part(at), uniform=False), run)
+        for run, at in zip(runs, kept)
+        if at.sum() >= MIN_RUN
+    ]
     if not pairs:
         raise LogError(
             "no row holds a number in every column that is used.",
@@ -117,13 +121,6 @@ def _used(bindings: Mapping[str, Binding], runs: Iterable[Run], rows: int) -> Bo
         used[run.rows] = True
     time = bindings.get(TIME.name)
     return used if time is None else used | ~np.isfinite(time.column.values)
-
-
-def _part(run: Run, kept: BoolArray) -> Run:
-    if kept.all():
-        return run
-    time = np.asarray(run.time)[kept] if run.time.size else run.time
-    return replace(run, rows=np.asarray(run.rows)[kept], time=time, uniform=False)
 
 
 def _refusal(log: Log, binding: Binding, rows: IndexArray, wrong: IndexArray) -> LogError:

@@ -70,7 +70,7 @@ def _within_window(log: Log, runs: Sequence[Run]) -> list[Run]:
         slack = 1e-6 * run.sample_time
         inside = (run.time >= low - slack) & (run.time <= high + slack)
         if inside.any():
-            kept.append(Run(run.rows[inside], run.time[inside], run.sample_time, run.uniform))
+            kept.append(run.part(inside))
     if not kept:
         first = min(float(run.time[0]) for run in runs if run.time.size)
         last = max(float(run.time[-1]) for run in runs if run.time.size)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, FloatArray
-from .carry import find_carry
+from .counters import find_carry
 from .log import Column, IntArray, Log
 
 _WHOLE = "secs|sec|seconds|second|s"

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .carry import find_carry
+from .counters import find_carry
 from .stamps import SECOND, Stamp
 
 _FRAMES = 24, 25, 30, 50
