@@ -20,10 +20,8 @@ from ..units import is_doubtful_suffix, names_input, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .exact import Exact, of_integers, of_objects
 from .groups import united
-from .layout import NUMBER, to_number
+from .layout import NUMBER, SAMPLE, to_number
 from .log import Account, Column, Dialect, Element, Log, count_of
-
-_PROBED = 200  # cells that show whether a column holds instants
 
 
 @dataclass(frozen=True)
@@ -210,7 +208,7 @@ def _clocks(given: Named, index: int, name: str) -> Clocks:
     if raw.dtype.kind not in "OSU":
         return Clocks({})
     cells = [_text(cell) for cell in raw.astype(object).ravel()]
-    if not find_clocks([[cell] for cell in cells if cell][:_PROBED]):
+    if not find_clocks([[cell] for cell in cells if cell][:SAMPLE]):
         return Clocks({})
     lines = np.arange(1, len(cells) + 1)
     return read_clocks({index - 1: cells}, {index - 1: None}, lines, name)

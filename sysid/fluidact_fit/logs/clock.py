@@ -20,7 +20,7 @@ from .stamps import SECOND, Stamp, is_bare_clock, is_date, is_stamp, read_stamp
 from .timecode import read_fourth
 
 _COMMA = re.compile(r"^([^,]*\d\d:\d\d:\d\d),(\d{3})(?=,)")
-_FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
+FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
 _FRACTION = re.compile(r":\d\d[.,](\d{1,9})")
 _LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
@@ -155,8 +155,8 @@ class _Instants(NamedTuple):
 
 def _read_column(columns: Mapping[int, Sequence[str]], clock: int, dates: int | None) -> _Instants:
     cells: Sequence[str] = [cell.strip() for cell in columns[clock]]
-    if _mostly([cell for cell in cells if cell], lambda cell: bool(_FILETIME.fullmatch(cell))):
-        return _Instants([100 * int(c) if _FILETIME.fullmatch(c) else None for c in cells])
+    if _mostly([cell for cell in cells if cell], lambda cell: bool(FILETIME.fullmatch(cell))):
+        return _Instants([100 * int(c) if FILETIME.fullmatch(c) else None for c in cells])
     if dates is not None:
         cells = [f"{day.strip()} {cell}" for day, cell in zip(columns[dates], cells)]
     stamps, days, doubt = read_fourth([read_stamp(cell) for cell in cells])

@@ -10,12 +10,11 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..units import is_unit, looks_like_unit, parse_unit_from_header, same_dimension
-from .layout import NUMBER, Cut, Hints, says_nothing, to_number
+from .layout import COMMENT, NUMBER, Cut, Hints, says_nothing, to_number
 from .levels import groups, is_wordy, join_levels
 from .stamps import names_time
 from .start import holds_numbers, is_entry
 
-_COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
 _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _SAYS_UNIT = re.compile(r"units?\s*[:=]\s*", re.IGNORECASE)
@@ -342,7 +341,7 @@ def _look_at(index: int, line: str, cut: Cut, counting: bool = False) -> _Row:
         units = _are_units(named, 0.5) and (not numbered or (named[0] == "1" and not counting))
         return _Row(index, named, not cut.is_number(named[0]), units, mixed)
     cells: list[str] = []
-    for text in (line, _COMMENT.sub("", line)):
+    for text in (line, COMMENT.sub("", line)):
         cells = cut.split(text)
         said = len(cells) == 1 and _SAYS_UNIT.match(cells[0])  # of a block, not of its first column
         section = len(cells) == 1 and not looks_like_unit(_within(cells[0].strip()))  # "[Data]"
@@ -388,7 +387,7 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
     """Return the cells of a header line, ``None`` when the line is not one."""
     width = cut.width
     other = replace(cut, decimal="." if cut.decimal == "," else ",")
-    texts = [line, _COMMENT.sub("", line)]
+    texts = [line, COMMENT.sub("", line)]
     if cut.delimiter != " " and (quoted := _ALL_QUOTED.fullmatch(line)):
         texts.append(quoted[1].replace('""', '"'))
     for text in texts:
@@ -402,7 +401,7 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
         numbers = [cut.is_value(c) or other.is_value(c) or _is_lost(c) for c in fields]
         if sum(numbers) > 0.5 * width or is_entry(fields):
             return None
-        return [_COMMENT.sub("", fields[0]), *fields[1:]]
+        return [COMMENT.sub("", fields[0]), *fields[1:]]
     return None
 
 

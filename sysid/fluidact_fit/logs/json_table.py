@@ -16,14 +16,13 @@ from typing import Any
 from ..errors import LogError, Notice
 from ..formats.sink import MOST_COLUMNS
 from .clock import find_clocks
-from .layout import Hints, Layout, Written
+from .layout import SAMPLE, Hints, Layout, Written
 from .log import count_of, cut_last_line
 from .source import Source
 
 _CERTAIN = re.compile(rb'\s*(\{\s*["}]|\[\s*[\[{"])')
 _LIKELY = re.compile(rb"\s*\[\s*[-\d]")
 _LARGEST = 64_000_000  # bytes of a document, which takes ten times as much when it is read
-_ROWS = 200
 _UNITS = ("units", "unit", "einheiten")
 _NAMES, _ROWS_BELOW = ("columns", "fields", "header", "names"), ("data", "rows", "values")
 _APART = (_NAMES, _ROWS_BELOW)
@@ -410,7 +409,7 @@ def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
     if table.cut:
         lines[table.cut - 1 :] = ["cut"]
     text = "\n".join(lines) + "\n"
-    sample = [line.split("\t") for line in lines[table.headed : _ROWS] if line and line != "cut"]
+    sample = [line.split("\t") for line in lines[table.headed : SAMPLE] if line and line != "cut"]
     clocks = find_clocks(sample)
     units = [table.units.get(name, "") for name in table.names]
     notices = []

@@ -16,7 +16,18 @@ from itertools import pairwise
 from ..errors import LogError, Notice
 from ..units import conversion_factor, same_dimension
 from .clock import find_clocks
-from .layout import NUMBER, Counted, Cut, Group, Hints, Layout, Written, decimal_of, to_number
+from .layout import (
+    NUMBER,
+    SAMPLE,
+    Counted,
+    Cut,
+    Group,
+    Hints,
+    Layout,
+    Written,
+    decimal_of,
+    to_number,
+)
 from .log import count_of, name_lines
 from .source import Source
 
@@ -25,7 +36,6 @@ _KEY = re.compile(r"(\w+)=(?:\t|$)")
 _COMMENT = re.compile(r"\t#")
 _SIZE = re.compile(r"\s*([+-]?\d+(?:[.,]\d*)?(?:[eE][+-]?\d+)?)\s*(.*)")
 _HINTS = Hints("LabChart", sparse=True)
-_ROWS = 200
 _NEAR = 0.05
 
 
@@ -57,7 +67,7 @@ def lay_out(source: Source, written: Written) -> Layout | None:
             )  # fmt: skip
     heads = {k for _, begin, end in blocks for k in range(begin, end)}
     body = [_without_comment(s) for k, s in enumerate(lines) if k not in heads and s.strip()]
-    before = max((s.count("\t") + 1 for s in body[:_ROWS]), default=0) - len(names)
+    before = max((s.count("\t") + 1 for s in body[:SAMPLE]), default=0) - len(names)
     if before not in (0, 1, 2):
         raise _refusal(
             f"{source.name}, line {first + 1}",
@@ -65,9 +75,11 @@ def lay_out(source: Source, written: Written) -> Layout | None:
             "at most a time and a date were expected.",
             "Expected one cell per channel.",
         )  # fmt: skip
-    cut = Cut("\t", written.decimal or decimal_of("".join(body[:_ROWS]), "\t"), before + len(names))
+    cut = Cut(
+        "\t", written.decimal or decimal_of("".join(body[:SAMPLE]), "\t"), before + len(names)
+    )
     cut = replace(cut, tidy=_without_comment, thousands=written.thousands or "")
-    rows = [row for s in body[:_ROWS] if len(row := cut.split(s)) == cut.width]
+    rows = [row for s in body[:SAMPLE] if len(row := cut.split(s)) == cut.width]
     clocks = find_clocks(rows) if before else {}
     if before and not clocks:
         _require_interval([row[0] for row in rows], keys, cut, source.name)

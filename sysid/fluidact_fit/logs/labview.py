@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from ..errors import LogError
 from .groups import counted_groups, group_columns
 from .layout import (
+    SAMPLE,
     Counted,
     Group,
     Hints,
@@ -150,7 +151,7 @@ def _build(
 ) -> Layout:
     first = segments[0]
     start = first.top + 1
-    body = [line for line in lines[start : start + 200] if line.strip()]
+    body = [line for line in lines[start : start + SAMPLE] if line.strip()]
     cells = split_cells(body[0], delimiter) if body else []
     groups = group_columns(first.names, "X_Value")
     if not any(cells[g.time] for g in groups if g.time is not None and g.time < len(cells)):

@@ -30,6 +30,8 @@ GROUPED = {
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([.,'\u2019])\d{3}(\1\d{3})*$", re.ASCII)
 BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between thousands
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
+COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")  # before names of columns
+SAMPLE = 200  # rows or cells that show how a table is written
 LONG_CELL = 200  # characters, beyond which a search in it could take long
 # what is written where there is no number; a truth value is none, and no name of a column
 _NO_VALUE = {

@@ -11,12 +11,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .layout import Cut, says_nothing
+from .layout import SAMPLE, Cut, says_nothing
 
 # Numbers and signs that separate them, whichever: a row that lost its separators.
 _NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
 _DATE = re.compile(r"\s*\d+-\d+-\d+\s*")
-_SAMPLE = 200
 _SOME = 0.2
 _ENOUGH = 3  # rows one below the other that no preamble holds by accident
 
@@ -135,7 +134,7 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
 
 def _worded(lines: Sequence[str], block: _Block, cut: Cut) -> set[int]:
     """Columns that hold words in some of the rows, as a preamble does before its numbers."""
-    rows = block.rows[:_SAMPLE]
+    rows = block.rows[:SAMPLE]
     counts = Counter(column for i in rows for column in _words(lines[i], cut))
     return {column for column, count in counts.items() if count > _SOME * len(rows)}
 

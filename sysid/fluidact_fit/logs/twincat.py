@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..errors import LogError, Notice
+from .clock import FILETIME
 from .groups import counted_groups, group_columns
 from .layout import (
     Counted,
@@ -41,7 +42,6 @@ _KEYS = {
 }
 _PROJECT = {"File", "Starttime of export", "Endtime of export"}
 _NAME = re.compile(r'"?Name"?([\t ;,:])')
-_FILETIME = re.compile(r"\d{17,19}")
 _NO_UNIT = {"(none)", "none", "-", "null"}
 _NEUTRAL = {"Offset": 0.0, "ScaleFactor": 1.0, "Unit Offset": 0.0, "Unit ScaleFactor": 1.0}
 
@@ -135,7 +135,7 @@ def _build(
         timed = bool(groups)
     else:
         timed = True
-        if _FILETIME.fullmatch(cells[times[0]]):
+        if FILETIME.fullmatch(cells[times[0]]):
             clocks, time_unit = dict.fromkeys(times), "s"
         groups = groups if len(groups) > 1 else []
     headers = [names[k] for k in held]

@@ -14,11 +14,10 @@ from itertools import pairwise
 
 from ..errors import LogError
 from ..units import SUFFIXES, looks_like_unit, parse_unit_from_header
-from .layout import Cut, count_filled, says_nothing
+from .layout import COMMENT, Cut, count_filled, says_nothing
 from .log import count_of
 from .stamps import is_time_name
 
-_COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
 _DECIMAL_COMMA = re.compile(r"\s*(?:-?\d+,0\d+|-0,\d+)\s*")
 _LONGEST_HEADER = 4000  # characters
@@ -169,7 +168,7 @@ def _above(lines: Sequence[str], start: int) -> list[int]:
 
 def _names(line: str, cut: Cut) -> list[str]:
     """The cells of a line of names without empty ones at its end; empty for other lines."""
-    cells = cut.split(_COMMENT.sub("", line))
+    cells = cut.split(COMMENT.sub("", line))
     cells = cells[: count_filled(cells)]
     words = [cell for cell in cells if cell]
     if len(words) < 2 or not all(_is_name(cell, cut) for cell in words):
