@@ -56,7 +56,10 @@ _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
-_BEHIND = re.compile(r'(?<=\d) ?((?:[^\W\d_]|[%°])[^\s;,|"]*(?: [AD]C)?)(?=\s*(?:[;,|\t"]|$))')
+# a unit behind a number, up to what separates cells
+_BEHIND = re.compile(
+    r'(?<=\d) ?((?:[^\W\d_]|[%°])[^\s;,|"]{0,20}+(?: [AD]C)?)(?=\s*(?:[;,|\t"]|$))'
+)
 _WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
