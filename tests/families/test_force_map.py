@@ -374,6 +374,28 @@ def test_spikes_are_counted_and_left_out() -> None:
     assert not run.used[100::400].any()
 
 
+@pytest.mark.parametrize(
+    ("places", "bend", "samples", "noise", "hidden", "warned"),
+    [
+        (6, 4.0, 240, 0.05, "5", False),  # misses held-out places by 0.3 % of the range
+        (6, 4.0, 240, 2.0, "5", False),  # noise of 3 % of it, the same in both
+        (3, 30.0, 240, 0.05, "5", True),  # a spring that no chord follows
+        (6, 4.0, 80, 1.0, "40", True),  # 201 weights for 480 samples
+    ],
+)
+def test_errors_held_out_are_warned_of_where_they_matter(
+    places: int, bend: float, samples: int, noise: float, hidden: str, warned: bool
+) -> None:
+    rng = np.random.default_rng(8)
+    x = np.repeat(np.linspace(0.002, 0.027, places), samples)
+    u = 0.8 + 3.5 * (1.0 - np.abs(np.mod(np.arange(x.size) * 4.0 / samples, 2.0) - 1.0))
+    force = 18.0 * u - 5.0 - 300.0 * x - 1e3 * bend * x**2 + noise * rng.standard_normal(x.size)
+    log = make(command=u, position=x + 3e-5 * rng.standard_normal(x.size), force=force)
+    found = estimate(log, hidden=hidden, starts=2, target="force",
+                     inputs="command,position,direction")  # fmt: skip
+    assert any(n.code == "validation-worse" for n in found.notices) == warned
+
+
 def test_too_few_samples() -> None:
     u = cycles(30)
     with pytest.raises(NotIdentifiedError, match="cannot determine"):

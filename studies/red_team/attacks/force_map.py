@@ -155,7 +155,8 @@ def attacks() -> Iterator[Attack]:
                   new={"speed": 0.25}, beyond="At one speed a delay is a hysteresis.")  # fmt: skip
     yield _of("late", "force 2 samples late, truth in time", lag=2.0, new={"lag": 0.0},
               beyond="At one speed a delay is a hysteresis.")  # fmt: skip
-    yield _of("drift", "force 1.5 N from position to position", drift=1.5)
+    yield _of("drift", "force 1.5 N from position to position", drift=1.5,
+              beyond="A drift in step with the positions is a spring.")  # fmt: skip
     yield _of("columns", "command and position swapped", swap=("command", "position"))
     yield _of("columns", "force and position swapped", swap=("force", "position"))
     for role, count in (("force", 5), ("force", 60), ("command", 5), ("position", 5)):

@@ -32,7 +32,7 @@ _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
 _DECAY = 1e-5  # weight decay
 _STRAIGHT = (0.03, 1.0)  # strength of chords along a length, of many lengths and of few
 _MOST_LENGTHS = 8  # with more of them the data say what is between
-_WORSE = 2.0  # held-out over training error from which it is said
+_MATTERS = 5e-3  # share of the range of the target that is worth a warning
 
 
 # ------------------------------------------------------------------------------ what is fitted
@@ -221,7 +221,11 @@ def _clipped(error: FloatArray) -> FloatArray:
 
 
 def training_notices(fit: Fit) -> Iterator[Notice]:
-    """Warn of spikes, of too few positions, and of a large held-out error."""
+    """Warn of spikes, of too few positions, and of a large held-out error.
+
+    What is missed beyond the training error has to exceed that error and a size that matters: a
+    held-out position lies twice as far from others as any place in use does.
+    """
     data, rows = fit.data, fit.rows
     if fit.spikes:
         yield Notice(
@@ -240,12 +244,13 @@ def training_notices(fit: Fit) -> Iterator[Notice]:
         )
     held = rows.scaling.span * rms(_clipped(fit.error))
     here = rms(_clipped((data.y - fit.predicted)[data.used]))
-    if held > _WORSE * here:
+    least = _MATTERS * float(np.ptp(data.y[data.used]))
+    if held**2 - here**2 > max(here, least) ** 2:
         yield Notice(
             "validation-worse",
             f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
-            f"what it was trained on ({here:.3g}, SI): between the recorded positions expect the "
-            "former. Record more positions, or give fewer --hidden units.",
+            f"what it was trained on ({here:.3g}, SI): between the recorded positions it may be "
+            "off by the former. Record more positions, or give fewer --hidden units.",
         )
 
 
