@@ -43,7 +43,7 @@ def where_changed(values: FloatArray) -> IndexArray:
     return np.concatenate([begin + np.flatnonzero(np.diff(part)) for begin, part in parts])
 
 
-def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
+def all_of(values: Array, used: BoolArray) -> Array:
     """Values at some samples; without a copy where it is all of them."""
     return values if used.all() else values[used]
 

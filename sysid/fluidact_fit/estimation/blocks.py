@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ..experiment import FloatArray
+from ..experiment import Array, FloatArray
 from ..rows import blocks, side_by_side
 
 
@@ -40,7 +40,7 @@ def rows_of(
         yield block if mean is None else block - mean
 
 
-def joined(tables: Sequence[FloatArray]) -> FloatArray:
+def joined(tables: Sequence[Array]) -> Array:
     """All tables, one below the other; without a copy where there is one."""
     return tables[0] if len(tables) == 1 else np.concatenate(tables)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...block import as_motion_state
 from ...errors import UsageError
 from ...estimation.recursion import clamped
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray, where_finite
 from ...family import Value
 from .rational_bezier import (
     blend,
@@ -38,6 +38,12 @@ def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -
     known, moved = values[there], np.zeros(values.size)
     moved[there] = np.diff(known, prepend=known[:1]) * 2.0 / max(dead_band, 1e-300)
     return 0.5 + 0.5 * clamped(state, -1.0, 1.0, moved, moved.size)
+
+
+def is_share_known(reading: npt.ArrayLike, dead_band: float) -> BoolArray:
+    """Readings (n,) from which on the share does not depend on the motion before the first."""
+    rising, falling = (rising_share(reading, dead_band, state) for state in (1.0, -1.0))
+    return np.asarray(np.abs(rising - falling) < 1e-9)
 
 
 def over_common_readings(
@@ -134,6 +140,12 @@ class Calibration:
         if len(self.curves) == 1 or reading.ndim == 0:
             return np.asarray(0.5)
         return rising_share(reading, self.dead_band)
+
+    def is_described(self, reading: FloatArray) -> BoolArray:
+        """Mask of a recording without the beginning that may belong to either branch."""
+        if len(self.curves) == 1:
+            return where_finite(reading)
+        return is_share_known(reading, self.dead_band)
 
     def value(self, place: FloatArray, share: npt.ArrayLike) -> FloatArray:
         """Position at places of the range [m]."""

@@ -15,6 +15,7 @@ from ...estimation.map import MapRows, position_edges
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
 from ...experiment import (
+    Array,
     BoolArray,
     Experiment,
     FloatArray,
@@ -23,7 +24,7 @@ from ...experiment import (
     where_both,
     where_finite,
 )
-from .calibration import rising_share
+from .calibration import is_share_known, rising_share
 from .options import PotentiometerOptions
 
 FINE = 4096  # parts of the range whose samples are merged for searches
@@ -61,7 +62,7 @@ class CalibrationData:
     output: Signal
     dead_band: float | None = None
 
-    def kept(self, values: FloatArray) -> FloatArray:
+    def kept(self, values: Array) -> Array:
         """Values at the used samples."""
         return all_of(values, self.used)
 
@@ -74,6 +75,15 @@ class CalibrationData:
         """Share of the rising branch of the used samples; each log from its own start."""
         shares = [rising_share(self.reading[p], dead_band) for p in self.parts]
         return self.kept(joined(shares))
+
+    def has_branch(self, dead_band: float) -> BoolArray:
+        """Mask ``(n,)`` without the beginnings of logs that may belong to either branch."""
+        return joined([is_share_known(self.reading[p], dead_band) for p in self.parts])
+
+    def with_branches(self, dead_band: float) -> CalibrationData:
+        """The samples, of which two branches are fitted to those that belong to one of them."""
+        used = where_both(self.used, self.has_branch(dead_band))
+        return replace(self, dead_band=dead_band, used=used)
 
     @cached_property
     def readings(self) -> tuple[float, float]:
@@ -189,8 +199,9 @@ def prepare(
     return data, options, notices
 
 
-def check_both_directions(rows: MapRows) -> None:
+def check_both_directions(data: CalibrationData) -> None:
     """Refuse two branches of a recording that moves one way only."""
+    rows = data.rows
     for name, share in (("rising", rows.x[:, 1]), ("falling", 1.0 - rows.x[:, 1])):
         there = share >= 0.999
         if np.count_nonzero(there) < 5 or np.ptp(rows.x[there, 0]) < 0.5:

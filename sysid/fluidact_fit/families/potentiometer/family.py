@@ -126,9 +126,9 @@ class Potentiometer(Family[PotentiometerOptions]):
         data, options, notices = prepare(experiments, request.options)
         request = replace(request, options=options)
         band = find_dead_band(data, request) if options.branches == "two" else None
-        data = replace(data, dead_band=band)
         if band is not None:
-            check_both_directions(data.rows)
+            data = data.with_branches(band)
+            check_both_directions(data)
         found = fit_curve(data, request)
         parameters, order, matrix = curve_quantities(found, data)
         low, span = data.readings
@@ -161,7 +161,12 @@ class Potentiometer(Family[PotentiometerOptions]):
         """Position from the readings; see :meth:`Family.simulate`."""
         calibration, rails = Calibration.of(plant.values), plant.options.rails
         readings = [e.sampled("reading") for e in experiments]
-        return [Simulated(calibration.position(x), between(x, rails)) for x in readings]
+        return [
+            Simulated(
+                calibration.position(x), where_both(between(x, rails), calibration.is_described(x))
+            )
+            for x in readings
+        ]
 
     def model(
         self, plant: Plant[PotentiometerOptions], sample_time: float, hold: Hold

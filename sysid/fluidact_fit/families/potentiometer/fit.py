@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
+from ...estimation.blocks import joined
 from ...estimation.map import (
     AT_ODDS,
     Index,
@@ -26,10 +27,10 @@ from ...estimation.map import (
     widest_gap,
 )
 from ...estimation.noise import noise_floor
-from ...estimation.uncertainty import Uncertainty, t_quantile
+from ...estimation.uncertainty import Uncertainty, covariance, t_quantile
 from ...experiment import BoolArray, FloatArray, all_of, where_finite
 from ...family import Request
-from ...rows import square_sum
+from ...rows import middle_of, square_sum
 from ...units import after_number
 from .data import CalibrationData
 from .options import PotentiometerOptions
@@ -37,6 +38,7 @@ from .rational_bezier import LOG_WEIGHT_LIMIT, BezierModel, bernstein, express, 
 
 MOST = 5  # highest degree of an automatic choice
 _SAMPLES = 30_000  # that a dead band is chosen by
+_DEGREES = (12, 2)  # of the mean and the difference of branches over the pooled curve, for that
 MATTERS = 2e-3  # share of the stroke that is worth a warning
 _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both branches
 
@@ -92,6 +94,11 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     Mean and difference of the branches are taken to be polynomials of the pooled curve. That of the
     difference is of a low degree: with more freedom a band of a few steps, which follows the noise
     of the reading, describes that noise.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the branches do not differ.
     """
     if "hysteresis_dead_band" in request.fixed:
         return float(request.fixed["hysteresis_dead_band"])
@@ -105,21 +112,59 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
         2.0 * float(np.diff(np.unique(data.few.x[:, 0])).min()), MATTERS
     )
     at = slice(None, None, 1 + data.rows.y.size // _SAMPLES)
-    y, level = data.rows.y[at], model.value(pooled.theta, data.rows.x[at])
-    mean, difference = (bernstein(np.clip(level, 0.0, 1.0), n) for n in (12, 2))
+    level = np.clip(model.value(pooled.theta, data.rows.x), 0.0, 1.0)
+    y, (mean, difference) = data.rows.y[at], (bernstein(level[at], n) for n in _DEGREES)
 
     def left(octaves: float) -> float:
-        """Sum of squares that branches with a band of ``finest * 2**octaves`` leave."""
-        share = data.rising(finest * 2.0**octaves)[at, None]
-        columns = np.hstack((mean, difference * (share - 0.5)))
-        rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-        return square_sum(rest)
+        """Variance that branches with a band of ``finest * 2**octaves`` leave."""
+        band = finest * 2.0**octaves
+        known, share = data.kept(data.has_branch(band))[at], data.rising(band)[at, None]
+        columns = np.hstack((mean, difference * (share - 0.5)))[known]
+        free = len(columns) - columns.shape[1]
+        if free < 1:
+            return square_sum(y)
+        rest = y[known] - columns @ np.linalg.lstsq(columns, y[known], rcond=None)[0]
+        return square_sum(rest) / free
 
     rough = np.array([left(k) for k in range(7)])
     best = float(np.argmin(np.round(rough / rough.min(), 3)))
     near = (max(best - 1.0, 0.0), best + 1.0)
     refined = minimize_scalar(left, bounds=near, method="bounded", options={"xatol": 1e-3})
-    return float(finest * 2.0**refined.x)
+    band = float(finest * 2.0**refined.x)
+    if _difference_tail(data, level, band) > AT_ODDS:
+        raise NotIdentifiedError(
+            "the data cannot determine hysteresis_dead_band: at one reading the reference is the "
+            "same whether readings rise or fall.",
+            expected="Branches that differ by more than errors of the reference do by chance.",
+            remedy="Leave --branches two out, or give --fix hysteresis_dead_band=VALUE.",
+        )
+    return band
+
+
+def _difference_tail(data: CalibrationData, level: FloatArray, band: float) -> float:
+    """p-value of the difference of both branches, Wald's test; ``level`` is the pooled curve."""
+    from scipy.special import fdtrc
+
+    tables, residuals = [], []
+    for y, x, share in zip(*map(data.by_log, (data.rows.y, level)), _shares_before(data, band)):
+        at = middle_of(y.size)
+        mean, difference = (bernstein(x[at], n) for n in _DEGREES)
+        tables.append(np.hstack((mean, difference * (share[at, None] - 0.5))))
+        residuals.append(y[at])
+    found = np.linalg.lstsq(np.vstack(tables), joined(residuals), rcond=None)[0]
+    spread = covariance(tables, [y - t @ found for t, y in zip(tables, residuals)])
+    tested = slice(_DEGREES[0] + 1, None)
+    size = found[tested] @ np.linalg.solve(spread.covariance[tested, tested], found[tested])
+    count = _DEGREES[1] + 1
+    return float(fdtrc(count, spread.degrees, size / count))
+
+
+def _shares_before(data: CalibrationData, band: float) -> list[FloatArray]:
+    """Share of the rising branch at the reading before, by log.
+
+    A reading that is too high by chance both looks like rising and lies beside the curve.
+    """
+    return [np.append(s[:1], s[:-1]) for s in data.by_log(data.rising(band))]
 
 
 def _highest_degree(data: CalibrationData) -> int:
@@ -404,10 +449,7 @@ def _direction_notice(fit: BezierFit, data: CalibrationData) -> Iterator[Notice]
     tremble = 8.0 * max(
         noise_floor(all_of(x, where_finite(x))) for x in (data.reading[p] for p in data.parts)
     )
-    share = data.by_log(data.rising(max(tremble, 5e-3 * data.readings[1])))
-    # of the reading before: one that is too high by chance both looks like rising and lies
-    # beside the curve
-    shares = [np.append(s[:1], s[:-1]) for s in share]
+    shares = _shares_before(data, max(tremble, 5e-3 * data.readings[1]))
     words = (
         "at one reading the reference", "readings", "one curve for both is off by half of that or "
         "more. Give --branches=two, or look for play in the coupling and for a delay between the "
