@@ -780,6 +780,33 @@ def test_noise_of_the_reading_is_no_direction(play: float, warned: bool) -> None
         assert ("directions-differ" in codes(found)) == warned
 
 
+@pytest.mark.parametrize(("noise", "warned"), [(0.5, False), (30.0, True)])
+def test_noise_of_the_reading_is_named_and_covered(noise: float, warned: bool) -> None:
+    """Noise of 3 % of the range passed in silence, with a curve 7 standard errors off."""
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 17])
+        place = np.abs(np.mod(np.linspace(0.05, 6.0, 3000) + 1.0, 2.0) - 1.0)
+        reading = np.round(1023.0 * place / (1.0 + 2.0 * place * (1.0 - place)))
+        y = 0.06 * place + 1e-4 * rng.standard_normal(place.size)
+        found = fit(experiment(reading + noise * rng.standard_normal(place.size), y))
+        messages = [n.message for n in found.notices if n.code == "input-noise-left"]
+        assert bool(messages) == warned
+        assert all(m.startswith("'reading' carries noise of about 3") for m in messages)
+        assert set(found.solution.noise.inputs) == ({"reading"} if warned else set())
+        low, high = found.parameters["reading_range"].value
+        places = np.linspace(0.1, 0.9, 9)
+        t = (1023.0 * places / (1.0 + 2.0 * places * (1.0 - places)) - low) / (high - low)
+        p, w = numbers(found, "control_points"), numbers(found, "weights")
+        basis = w * bernstein(t, p.size - 1)
+        basis /= basis.sum(axis=1)[:, None]
+        curve = basis @ p
+        slopes = np.hstack((basis, basis * (p - curve[:, None]) / w))
+        kept = [n != "weights[0]" for k in ("control_points", "weights")
+                for n in (f"{k}[{i}]" for i in range(p.size))]  # fmt: skip
+        error = np.sqrt(np.sum(slopes[:, kept] @ found.covariance * slopes[:, kept], axis=1))
+        assert np.all(np.abs(curve - 0.06 * places) < 4.0 * error)
+
+
 def test_the_search_ends_at_the_best_curve() -> None:
     """Weights and control points bend a curve nearly alike: 80 joint steps ended 3 errors short.
 

@@ -12,11 +12,13 @@ References
    fit and pure error.
 .. [3] G. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares
    problems whose variables separate", SIAM Journal on Numerical Analysis 10, 1973.
+.. [4] J. Cook, L. Stefanski, "Simulation-extrapolation estimation in parametric measurement error
+   models", J. American Statistical Association 89, 1994.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -458,6 +460,16 @@ def find_uncertainty(
         size = float(np.quantile(needed, 0.98)) / t_quantile(0.975, misfit.degrees) ** 2
         matrix = found.covariance + size * per_variance
     return replace(found, covariance=matrix, degrees=min(found.degrees, misfit.degrees))
+
+
+def shift_by_noise(fit: MapFit[Any], disturbed: Iterable[MapRows]) -> FloatArray:
+    """Shift of the free unknowns by noise of the inputs, shape ``(q,)``, to first order.
+
+    A fit whose inputs are ``disturbed`` once more by as much as they are already moves as far again
+    (simulation extrapolation [4]_).
+    """
+    moved = [scaled_least_squares(rows.slopes(fit), rows.residual(fit)) for rows in disturbed]
+    return np.asarray(np.mean(moved, axis=0))
 
 
 def direction_notices(

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.blocks import joined
 from ...estimation.map import MapRows, position_edges
-from ...estimation.noise import noise_floor
+from ...estimation.noise import noise_floor, white_noise
 from ...estimation.uncertainty import t_quantile
 from ...experiment import (
     Array,
@@ -103,6 +103,21 @@ class CalibrationData:
         one = np.broadcast_to(1.0, t.shape)
         share = one if self.dead_band is None else self.rising(self.dead_band)
         return MapRows(np.column_stack((t, share)), y, one)
+
+    @cached_property
+    def noise(self) -> float:
+        """White noise of the readings [their unit]; 0 where their order says nothing of it."""
+        known = [all_of(x, where_finite(x)) for x in (self.reading[p] for p in self.parts)]
+        return max(map(white_noise, known)) if self.in_order else 0.0
+
+    def disturbed(self, rng: np.random.Generator) -> MapRows:
+        """The rows with the noise of the readings added once more."""
+        noise = self.noise * rng.standard_normal(self.reading.size)
+        t = np.clip(self.rows.x[:, 0] + self.kept(noise) / self.readings[1], 0.0, 1.0)
+        share = self.rows.x[:, 1]
+        if self.dead_band is not None:
+            share = replace(self, reading=self.reading + noise).rising(self.dead_band)
+        return replace(self.rows, x=np.column_stack((t, share)))
 
     @cached_property
     def few(self) -> MapRows:

@@ -146,7 +146,7 @@ class Potentiometer(Family[PotentiometerOptions]):
             replace(options, degree=degree, monotone=monotone, dead_band=band),
             {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
             order,
-            NoiseModel(matrix, found.spread.independent),
+            NoiseModel(matrix, np.inf if found.noise else found.spread.independent, found.noise),
             derived=derived_quantities(found, data, calibration),
             notices=[*notices, *found.notices],
             details=fit_details(found, data),

@@ -23,13 +23,14 @@ from ...estimation.map import (
     fit_map,
     fold_squares,
     interior_folds,
+    shift_by_noise,
     smallest_sufficient,
     widest_gap,
 )
 from ...estimation.noise import noise_floor
-from ...estimation.uncertainty import Uncertainty, covariance, t_quantile
+from ...estimation.uncertainty import Uncertainty, covariance, t_quantile, widen_by
 from ...experiment import BoolArray, FloatArray, all_of, where_finite
-from ...family import Request
+from ...family import NoiseLevel, Request
 from ...rows import middle_of, square_sum
 from ...units import after_number
 from .data import CalibrationData
@@ -40,6 +41,8 @@ MOST = 5  # highest degree of an automatic choice
 _SAMPLES = 30_000  # that a dead band is chosen by
 _DEGREES = (12, 2)  # of the mean and the difference of branches over the pooled curve, for that
 MATTERS = 2e-3  # share of the stroke that is worth a warning
+_DRAWS = 4  # of the noise of the readings
+_POWER = 0.1  # relative standard error of its power
 _ENDS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of both branches
 
 BezierFit = MapFit[BezierModel]
@@ -50,13 +53,15 @@ class CurveFit:
     """A chosen curve: the fit, covariance of control points [SI] and weights, notices.
 
     ``scores`` are mean squares of the folds held out, by degree; none where one was given.
-    The rows of ``spread`` are ``P_0..P_N, w_0..w_N`` per branch.
+    The rows of ``spread`` are ``P_0..P_N, w_0..w_N`` per branch. ``noise`` of the readings is that
+    which matters.
     """
 
     fit: BezierFit
     spread: Uncertainty
     scores: list[FloatArray]
     notices: list[Notice]
+    noise: dict[str, NoiseLevel]
 
 
 def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> CurveFit:
@@ -70,19 +75,21 @@ def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> 
     _check_enough(data, BezierModel(options.degree_wanted or 1, data.branches))
     fit, scores = _search_degree(rows, data, request)
     fit, notices = _keep_monotone(rows, data, fit, options.monotone)
-    misfit, spread = _spread(data, fit, ends)
+    misfit, spread, shift = _spread(data, fit, ends)
     plain, unsure = _drop_weights(rows, data, fit, spread, bool(scores))
     if plain is not fit:
         fit, notices = _keep_monotone(rows, data, plain, options.monotone)
-        misfit, spread = _spread(data, fit, ends)
+        misfit, spread, shift = _spread(data, fit, ends)
+    noise = {"reading": NoiseLevel(data.noise, _POWER)} if shift > MATTERS else {}
     notices += [
+        *_noise_notice(data, shift),
         *unsure,
         *_bound_notice(fit),
         *_few_positions_notice(data, fit, bool(scores)),
         *_misfit_notice(misfit, data),
         *_direction_notice(fit, data),
     ]
-    return CurveFit(fit, spread, scores, notices)
+    return CurveFit(fit, spread, scores, notices, noise)
 
 
 # ------------------------------------------------------------------------------ the search
@@ -324,8 +331,10 @@ def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
 
 def _spread(
     data: CalibrationData, fit: BezierFit, ends: MapRows | None
-) -> tuple[Misfit | None, Uncertainty]:
-    """Lack of fit, and covariance of control points [SI] and weights.
+) -> tuple[Misfit | None, Uncertainty, float]:
+    """Lack of fit, covariance of control points [SI] and weights, and the shift by noise.
+
+    The covariance covers that shift, the largest of the curve by noise of the readings.
 
     Raises
     ------
@@ -347,8 +356,14 @@ def _spread(
     curves, stroke = fit.model.curves(fit.theta), data.positions[1]
     scale = np.concatenate([np.append(np.full(p.size, stroke), w) for p, w in curves])
     expansion = np.kron(np.eye(fit.model.branches), fit.model.expansion)
-    matrix = scale[:, None] * expansion[:, fit.free] @ gain
-    return misfit, replace(spread, covariance=matrix @ spread.covariance @ matrix.T)
+    matrix = scale[:, None] * expansion[:, fit.free]
+    found, shift = matrix @ gain @ spread.covariance @ gain.T @ matrix.T, 0.0
+    if data.noise:
+        rng = np.random.default_rng(0)
+        moved = shift_by_noise(fit, (data.disturbed(rng) for _ in range(_DRAWS)))
+        found = widen_by(found, matrix @ moved)
+        shift = float(np.abs(rows.slopes(fit) @ moved).max())
+    return misfit, replace(spread, covariance=found), shift
 
 
 def _with_measured_ends(
@@ -368,6 +383,18 @@ def _with_measured_ends(
 
 
 # ------------------------------------------------------------------------- warnings
+
+
+def _noise_notice(data: CalibrationData, shift: float) -> Iterator[Notice]:
+    """Warn of noise of the readings that shifts the curve."""
+    if shift > MATTERS:
+        yield Notice(
+            "input-noise-left",
+            f"'reading' carries noise of about {data.noise:.2g}{after_number(data.unit)} rms, which "
+            f"flattens the curve: it is off by up to {data.words(shift)}, at its ends and where it "
+            "bends. The intervals allow for that. Average readings at rest, or record the sensor "
+            "through a filter and move more slowly.",
+        )
 
 
 def _few_positions_notice(data: CalibrationData, fit: BezierFit, chosen: bool) -> Iterator[Notice]:
