@@ -6,7 +6,7 @@ a search begins; derivatives are taken by complex steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -157,6 +157,63 @@ class NamedFit:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class _Search:
+    """Fits of one law to some rows with values held; ``specs`` are those of all values by name."""
+
+    law: Law
+    specs: Mapping[str, ParameterSpec]
+    data: NamedRows
+    starts: Callable[[Mapping[str, float]], Sequence[Mapping[str, float]]]
+    limits: Mapping[str, tuple[float, float]]
+    request: Request[Any]
+
+    def solve(self, held: Mapping[str, float]) -> MapFit[NamedMap]:
+        """The best fit with some values held."""
+        names = tuple(n for n in self.specs if n not in held)
+        begin = [{**s, **self.request.start} for s in self.starts(held)]
+        return fit_map(
+            NamedMap(self.law, names, held, self.limits), self.data.rows,
+            [np.array([s[n] for n in names]) for s in begin],
+        )  # fmt: skip
+
+    def held_by(self, refusal: Refusal) -> dict[str, float]:
+        """The value that a refused parameter is held at, by its name."""
+        return {refusal.parameter: refusal.value(self.specs[refusal.parameter])}
+
+    def not_demanded(
+        self, optional: Sequence[Refusal], held: Mapping[str, float]
+    ) -> Iterator[Refusal]:
+        """Optional parts, one after the other, without which the law fits as well."""
+        known = dict(held)
+        for part in optional:
+            if part.parameter in held:
+                continue
+            found, simple = self.solve(known), self.solve(known | self.held_by(part))
+            unknowns, extra = found.theta.size, found.theta.size - simple.theta.size
+            tail = excess_tail(simple.cost, found.cost, extra, self.data.y.size, unknowns)
+            if tail >= AT_ODDS:
+                known |= self.held_by(part)
+                yield part
+
+    def finish(self, held: Mapping[str, float]) -> NamedFit:
+        """A fit with covariance and intervals."""
+        found, data = self.solve(held), self.data
+        # a value on a bound has a derivative to one side, and an interval that the bound cuts
+        jacobian, rest = found.model.slopes(found.theta, data.x), data.rows.residual(found)
+        misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
+        spread = find_uncertainty(
+            data.by_log(jacobian), data.by_log(rest), misfit, data.in_order, data.readings
+        )
+        solved = Solved(
+            found.model.values(found.theta), found.model.names, spread.covariance, spread.degrees,
+            self.request.fixed, independent=spread.independent,
+        )  # fmt: skip
+        return NamedFit(
+            _with_intervals(solved, found, data, jacobian), [], found, data, jacobian, misfit
+        )
+
+
 def fit_named_map(
     law: Law,
     specs: Sequence[ParameterSpec],
@@ -190,59 +247,31 @@ def fit_named_map(
     NotIdentifiedError
         When a parameter without a neutral value is undetermined.
     """
-    table = {s.name: s for s in specs}
+    every = (-np.inf, np.inf)
     ranges = {
-        n: tuple(np.clip(limits.get(n, (-np.inf, np.inf)), s.minimum, s.maximum))
-        for n, s in table.items()
-    }
-    for name in request.bounds.keys() & ranges.keys():
-        low, high = request.bounds[name]
-        ranges[name] = (max(low, ranges[name][0]), min(high, ranges[name][1]))
-
-    def solve(held: Mapping[str, float]) -> MapFit[NamedMap]:
-        names = tuple(n for n in table if n not in held)
-        model = NamedMap(law, names, held, ranges)
-        begin = [{**s, **request.start} for s in starts(held)]
-        return fit_map(model, data.rows, [np.array([s[n] for n in names]) for s in begin])
-
-    def needed(found: MapFit[NamedMap], refusal: Refusal, held: Mapping[str, float]) -> bool:
-        simple = solve({**held, refusal.parameter: refusal.value(table[refusal.parameter])})
-        extra = found.theta.size - simple.theta.size
-        tail = excess_tail(simple.cost, found.cost, extra, data.y.size, found.theta.size)
-        return tail < AT_ODDS
-
-    given = {r.parameter for r in refusals} | set(request.fixed)
-    known = {r.parameter: r.value(table[r.parameter]) for r in refusals} | dict(request.fixed)
-    out = list(refusals)
-    for part in optional:
-        if part.parameter not in given and not needed(solve(known), part, known):
-            known[part.parameter] = part.value(table[part.parameter])
-            out.append(part)
-
-    def finish(held: Mapping[str, float]) -> NamedFit:
-        found = solve(held)
-        model = NamedMap(law, tuple(n for n in table if n not in held), held, ranges)
-        # a value on a bound has a derivative to one side, and an interval that the bound cuts
-        jacobian = model.slopes(found.theta, data.x)
-        rest = data.rows.residual(found)
-        misfit = find_misfit(data.x[:, 0], rest, found.theta.size, None)
-        spread = find_uncertainty(
-            data.by_log(jacobian), data.by_log(rest), misfit, data.in_order, data.readings
+        s.name: _within(
+            (s.minimum, s.maximum), limits.get(s.name, every), request.bounds.get(s.name, every)
         )
-        solved = Solved(
-            model.values(found.theta), model.names, spread.covariance, spread.degrees,
-            request.fixed, independent=spread.independent,
-        )  # fmt: skip
-        solved = _with_intervals(solved, found, data, jacobian)
-        return NamedFit(solved, [], found, data, jacobian, misfit)
-
+        for s in specs
+    }
+    search = _Search(law, {s.name: s for s in specs}, data, starts, ranges, request)
+    held = dict(request.fixed)
+    for refusal in refusals:
+        held = search.held_by(refusal) | held
     ended = determine(
-        finish, lambda f: find_uninformative(f.solved, table, max_half_widths), table,
-        fixed=request.fixed, refusals=out,
+        search.finish, lambda f: find_uninformative(f.solved, search.specs, max_half_widths),
+        search.specs, fixed=request.fixed,
+        refusals=[*refusals, *search.not_demanded(optional, held)],
     )  # fmt: skip
     last = ended.solution
     solved = replace(last.solved, refused=dict(ended.refused))
     return replace(last, solved=solved, notices=ended.notices)
+
+
+def _within(*ranges: tuple[float, float]) -> tuple[float, float]:
+    """What is common to some ranges."""
+    low, high = zip(*ranges)
+    return max(low), min(high)
 
 
 def _with_intervals(

@@ -388,12 +388,13 @@ def _with_measured_ends(
 def _noise_notice(data: CalibrationData, shift: float) -> Iterator[Notice]:
     """Warn of noise of the readings that shifts the curve."""
     if shift > MATTERS:
+        noise = f"{data.noise:.2g}{after_number(data.unit)}"
         yield Notice(
             "input-noise-left",
-            f"'reading' carries noise of about {data.noise:.2g}{after_number(data.unit)} rms, which "
-            f"flattens the curve: it is off by up to {data.words(shift)}, at its ends and where it "
-            "bends. The intervals allow for that. Average readings at rest, or record the sensor "
-            "through a filter and move more slowly.",
+            f"'reading' carries noise of about {noise} rms, which flattens the curve: it is off by "
+            f"up to {data.words(shift)}, at its ends and where it bends. The intervals allow for "
+            "that. Average readings at rest, or record the sensor through a filter and move more "
+            "slowly.",
         )
 
 
