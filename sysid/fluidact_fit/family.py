@@ -10,9 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+
+import numpy as np
 
 from .block import Block
+from .estimation.blocks import joined
 from .estimation.solution import NoiseModel, Solution, make_solution
 from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
@@ -44,6 +47,7 @@ __all__ = [
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
+Runs = Sequence[tuple[Experiment, Simulated]]  # of a picture, each with its simulation
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,22 @@ class StaticView:
     curves: Sequence[Curve] = ()
     points: Curve | None = None
 
+    @classmethod
+    def over(
+        cls, runs: Runs, x: str, y: str, curves: Sequence[Curve], points: Curve | None = None
+    ) -> Self:
+        """The view of a role ``y`` over a role ``x``, as runs recorded and a model simulated them.
+
+        Samples count that both hold and the simulation describes.
+        """
+        units, role = runs[0][0].units, joined([e.sampled(x) for e, _ in runs])
+        measured, fitted = joined([e.sampled(y) for e, _ in runs]), [s.output for _, s in runs]
+        described = [
+            np.ones(s.output.size, dtype=bool) if s.used is None else s.used for _, s in runs
+        ]
+        used = np.isfinite(role) & np.isfinite(measured) & joined(described)
+        return cls(x, units[x], y, units[y], role, measured, joined(fitted), used, curves, points)
+
 
 @dataclass(frozen=True)
 class PhysicsView:
@@ -140,9 +160,6 @@ class PhysicsView:
     curves: Sequence[Curve]
 
 
-Runs = Sequence[tuple[Experiment, Simulated]]  # of a picture, each with its simulation
-
-
 class Family(ABC, Generic[OptionsT]):
     """A model family: equation, roles, parameters, estimation, and what a controller runs.
 
@@ -159,6 +176,8 @@ class Family(ABC, Generic[OptionsT]):
         Sets of roles with the parameter tables that go with them.
     options_type
         The family's own options (:mod:`.options`).
+    block_type
+        What a controller gets, where :meth:`block` does not choose.
     steady_offset
         Whether the output carries an offset at rest that a controller needs, such as the
         pressure at which a valve idles. The file then holds its mean over the logs.
@@ -179,6 +198,7 @@ class Family(ABC, Generic[OptionsT]):
     equation: str
     variants: tuple[Variant, ...]
     options_type: type[OptionsT]
+    block_type: ClassVar[type[Block]]
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
     examined: ClassVar[int] = LONG
@@ -228,9 +248,9 @@ class Family(ABC, Generic[OptionsT]):
         offset). Where it has none the run starts from rest, about ``offset`` [SI].
         """
 
-    @abstractmethod
     def block(self, variant: Variant, document: ParameterDocument) -> Block:
         """Return the object that ``fluidact_fit.load`` gives a controller."""
+        return self.block_type(document, variant)
 
     def model(self, plant: Plant[OptionsT], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Return the ``model`` part of the file: what a controller runs.

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import Notice
-from ..experiment import BoolArray, FloatArray
+from ..experiment import BoolArray, Experiment, FloatArray
 from ..rows import middle_of, square_sum
 from .budget import exhausted, simulated
 from .least_squares import scaled_least_squares
@@ -286,6 +286,18 @@ def lone_samples(output: FloatArray, residual: FloatArray, settled: BoolArray) -
 def robust_deviation(residual: FloatArray) -> float:
     """Standard deviation from the median absolute residual; never zero."""
     return max(PER_MEDIAN * float(np.median(np.abs(residual))), 1e-9)
+
+
+def are_in_order(experiments: Sequence[Experiment], role: str) -> bool:
+    """Return whether samples follow one another in time.
+
+    They have a time, or a role moves in both directions: a table may have been sorted.
+    """
+    values = [e[role] for e in experiments]
+    both_ways = all(
+        any(bool(way(x[:-1], x[1:]).any()) for x in values) for way in (np.less, np.greater)
+    )
+    return both_ways or all(e.time.size > 0 for e in experiments)
 
 
 def position_edges(x: FloatArray, samples: int) -> FloatArray | None:

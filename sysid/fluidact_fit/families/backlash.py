@@ -33,6 +33,7 @@ import numpy.typing as npt
 
 from ..block import SteppedBlock
 from ..errors import Notice, UsageError
+from ..estimation.blocks import joined
 from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
 from ..estimation.noise import common_step, noise_floor, white_noise
 from ..estimation.parametric import Fitted, fit_named
@@ -48,7 +49,6 @@ from ..family import (
     FamilyOptions,
     NoiseLevel,
     NoiseModel,
-    ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
@@ -254,6 +254,105 @@ class PlayModel:
         return {"ratio": ratio, "play": abs(ratio) * width}, float(rest @ rest)
 
 
+# --------------------------------------------------------------------- what a controller runs
+
+
+class BacklashBlock(SteppedBlock):
+    """Load behind the play, and the drive that takes it to a wanted place.
+
+    :meth:`step` and :meth:`drive_for` each keep their own side of the play, call by call. Where
+    the side is known, calling the block and :meth:`inverse` take it: ``direction`` is 1 where the
+    drive pushes upwards, as the load counts, -1 downwards, 0 in the middle of the play.
+    """
+
+    def _begin(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget both sides: the next step finds the load in the middle of the play."""
+        self._path: float | None = None
+        self._wanted, self._side = np.nan, 0.0
+
+    def __call__(self, drive: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Load on a side of the play, shape of ``drive``."""
+        self.watch(drive=drive)
+        v, x = self.numbers(), np.asarray(drive, dtype=float)
+        return np.asarray(v["ratio"] * x + v["offset"] - 0.5 * np.sign(direction) * v["play"])
+
+    def inverse(self, load: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
+        """Drive that holds a load on a side of the play, shape of ``load``."""
+        self.watch(load=load)
+        v, y = self.numbers(), np.asarray(load, dtype=float)
+        away = 0.5 * np.sign(direction) * v["play"] - v["offset"]
+        return np.asarray((y + away) / v["ratio"])
+
+    def _step(self, value: float) -> float:
+        """Advance the load; see :meth:`.SteppedBlock.step`."""
+        v = self.numbers()
+        u, half = v["ratio"] * value, 0.5 * v["play"]
+        self._path = u if self._path is None else min(max(self._path, u - half), u + half)
+        return self._path + v["offset"]
+
+    def drive_for(self, load: float) -> float:
+        """Drive that takes the load to the next wanted position: the right inverse of the play.
+
+        It crosses the play where the wanted position turns back, and stays on its side while that
+        rests; in the middle of the play until it has moved.
+        """
+        wanted = self.sample("load", load)
+        if wanted != self._wanted:
+            self._side = float(np.sign(np.nan_to_num(wanted - self._wanted)))
+        self._wanted = wanted
+        return float(self.inverse(wanted, self._side))
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Load of a recording from its drive; see :meth:`.Block.predict`."""
+        v, x = self.numbers(), experiment.sampled("drive")
+        farther = (self.document.options or {}).get("turns") == "between"
+        reach = reach_of(experiment) if farther else None
+        return follow(x, v["ratio"], v["play"], reach=reach).path + v["offset"]
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """All of them; see :meth:`.Block.methods`."""
+        return {"step": self.step, "drive_for": self.drive_for,
+                "load_at": self, "drive_at": self.inverse}  # fmt: skip
+
+    def routines(self) -> Sequence[Routine]:
+        """Both ways: with the side of the play kept from call to call, and on a given one."""
+        v = self.numbers()
+        offset, ratio = constant("offset", v["offset"]), constant("ratio", v["ratio"])
+        half = constant("half_width", 0.5 * v["play"])
+        drive = self.argument("drive", "position of the drive")
+        load = self.argument("load", "wanted position of the load")
+        way = Argument(
+            "direction", "1", "1 pushed up, -1 down, 0 in the middle of the play", -1.0, 1.0
+        )
+        step = Draft("step", "Load behind the play, which is kept between calls.", load.unit)
+        u = step.let("pushed", step.argument(drive) * ratio)
+        path, begun = step.state("path"), step.state("begun")
+        step.put(path, choose(begun, ">", 0.0, minimum(maximum(path, u - half), u + half), u))
+        step.put(begun, 1.0)
+        there = Draft("drive_for", "Drive for the next wanted load; its side is kept.", drive.unit)
+        wanted = there.argument(replace(load, held=True))
+        last, side, known = there.state("last"), there.state("side"), there.state("known")
+        turned = by_sign(wanted - last, half, -half, side, jumps=True)
+        there.put(side, choose(known, ">", 0.0, turned, 0.0))
+        there.put(last, wanted)
+        there.put(known, 1.0)
+        at = Draft("load_at", "Load on a side of the play.", load.unit)
+        moved, pushed = at.argument(drive) * ratio, by_sign(at.argument(way), half, -half)
+        back = Draft("drive_at", "Drive that holds a load on a side of the play.", drive.unit)
+        y, pushing = back.argument(load), by_sign(back.argument(way), half, -half)
+        per = constant("per_ratio", 1.0 / v["ratio"])
+        return (
+            step.returns(path + offset), there.returns((wanted - offset + side) * per),
+            at.returns(moved + offset - pushed), back.returns((y - offset + pushing) * per),
+        )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------- the family
+
+
 class Backlash(Family[BacklashOptions]):
     """Play between a drive and its load, and their ratio, from slow strokes both ways."""
 
@@ -291,6 +390,7 @@ class Backlash(Family[BacklashOptions]):
         ),
     )  # fmt: skip
     options_type = BacklashOptions
+    block_type = BacklashBlock
     next_experiment = Excitation(
         "none", "any slow strokes in both directions, far longer than the play, will do"
     )
@@ -401,22 +501,14 @@ class Backlash(Family[BacklashOptions]):
 
     def static_view(self, plant: Plant[BacklashOptions], runs: Runs) -> StaticView:
         """Load less what it would be without play, over the drive, and both sides of the play."""
-        v, units = plant.numbers, runs[0][0].units
-        x = np.concatenate([e.sampled("drive") for e, _ in runs])
-        y = np.concatenate([e.sampled("load") for e, _ in runs])
-        level = np.concatenate([np.full(s.output.size, s.offset) for _, s in runs])
-        found = np.concatenate([s.output for _, s in runs])
-        ends, free = np.array([x.min(), x.max()]), v["ratio"] * x + level
-        half = np.full(2, 0.5 * v["play"])
-        return StaticView(
-            "drive", units["drive"], "load - ratio drive",
-            units["load"], x, y - free, found - free, np.isfinite(y),
-            [Curve("pushed up", ends, -half), Curve("pushed down", ends, half)],
+        v, view = plant.numbers, StaticView.over(runs, "drive", "load", ())
+        free = v["ratio"] * view.x + joined([np.full(s.output.size, s.offset) for _, s in runs])
+        ends, half = np.array([view.x.min(), view.x.max()]), np.full(2, 0.5 * v["play"])
+        return replace(
+            view, y_name="load - ratio drive", measured=view.measured - free,
+            fitted=view.fitted - free,
+            curves=[Curve("pushed up", ends, -half), Curve("pushed down", ends, half)],
         )  # fmt: skip
-
-    def block(self, variant: Variant, document: ParameterDocument) -> BacklashBlock:
-        """Return the play and its right inverse."""
-        return BacklashBlock(document, variant)
 
 
 def _check_offset(request: Request[BacklashOptions]) -> None:
@@ -553,100 +645,4 @@ def _refuse_lead(fitted: Fitted, variant: Variant) -> None:
         raise undetermined_error(
             variant.parameter("play"), "the load turns back before the drive does. Are the two "
             "columns swapped, or is the drive recorded late?",
-        )  # fmt: skip
-
-
-# --------------------------------------------------------------------- what a controller runs
-
-
-class BacklashBlock(SteppedBlock):
-    """Load behind the play, and the drive that takes it to a wanted place.
-
-    :meth:`step` and :meth:`drive_for` each keep their own side of the play, call by call. Where
-    the side is known, calling the block and :meth:`inverse` take it: ``direction`` is 1 where the
-    drive pushes upwards, as the load counts, -1 downwards, 0 in the middle of the play.
-    """
-
-    def _begin(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget both sides: the next step finds the load in the middle of the play."""
-        self._path: float | None = None
-        self._wanted, self._side = np.nan, 0.0
-
-    def __call__(self, drive: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
-        """Load on a side of the play, shape of ``drive``."""
-        self.watch(drive=drive)
-        v, x = self.numbers(), np.asarray(drive, dtype=float)
-        return np.asarray(v["ratio"] * x + v["offset"] - 0.5 * np.sign(direction) * v["play"])
-
-    def inverse(self, load: npt.ArrayLike, direction: float = 0.0) -> FloatArray:
-        """Drive that holds a load on a side of the play, shape of ``load``."""
-        self.watch(load=load)
-        v, y = self.numbers(), np.asarray(load, dtype=float)
-        away = 0.5 * np.sign(direction) * v["play"] - v["offset"]
-        return np.asarray((y + away) / v["ratio"])
-
-    def _step(self, value: float) -> float:
-        """Advance the load; see :meth:`.SteppedBlock.step`."""
-        v = self.numbers()
-        u, half = v["ratio"] * value, 0.5 * v["play"]
-        self._path = u if self._path is None else min(max(self._path, u - half), u + half)
-        return self._path + v["offset"]
-
-    def drive_for(self, load: float) -> float:
-        """Drive that takes the load to the next wanted position: the right inverse of the play.
-
-        It crosses the play where the wanted position turns back, and stays on its side while that
-        rests; in the middle of the play until it has moved.
-        """
-        wanted = self.sample("load", load)
-        if wanted != self._wanted:
-            self._side = float(np.sign(np.nan_to_num(wanted - self._wanted)))
-        self._wanted = wanted
-        return float(self.inverse(wanted, self._side))
-
-    def predict(self, experiment: Experiment) -> FloatArray:
-        """Load of a recording from its drive; see :meth:`.Block.predict`."""
-        v, x = self.numbers(), experiment.sampled("drive")
-        farther = (self.document.options or {}).get("turns") == "between"
-        reach = reach_of(experiment) if farther else None
-        return follow(x, v["ratio"], v["play"], reach=reach).path + v["offset"]
-
-    def methods(self) -> Mapping[str, Callable[..., Any]]:
-        """All of them; see :meth:`.Block.methods`."""
-        return {"step": self.step, "drive_for": self.drive_for,
-                "load_at": self, "drive_at": self.inverse}  # fmt: skip
-
-    def routines(self) -> Sequence[Routine]:
-        """Both ways: with the side of the play kept from call to call, and on a given one."""
-        v = self.numbers()
-        offset, ratio = constant("offset", v["offset"]), constant("ratio", v["ratio"])
-        half = constant("half_width", 0.5 * v["play"])
-        drive = self.argument("drive", "position of the drive")
-        load = self.argument("load", "wanted position of the load")
-        way = Argument(
-            "direction", "1", "1 pushed up, -1 down, 0 in the middle of the play", -1.0, 1.0
-        )
-        step = Draft("step", "Load behind the play, which is kept between calls.", load.unit)
-        u = step.let("pushed", step.argument(drive) * ratio)
-        path, begun = step.state("path"), step.state("begun")
-        step.put(path, choose(begun, ">", 0.0, minimum(maximum(path, u - half), u + half), u))
-        step.put(begun, 1.0)
-        there = Draft("drive_for", "Drive for the next wanted load; its side is kept.", drive.unit)
-        wanted = there.argument(replace(load, held=True))
-        last, side, known = there.state("last"), there.state("side"), there.state("known")
-        turned = by_sign(wanted - last, half, -half, side, jumps=True)
-        there.put(side, choose(known, ">", 0.0, turned, 0.0))
-        there.put(last, wanted)
-        there.put(known, 1.0)
-        at = Draft("load_at", "Load on a side of the play.", load.unit)
-        moved, pushed = at.argument(drive) * ratio, by_sign(at.argument(way), half, -half)
-        back = Draft("drive_at", "Drive that holds a load on a side of the play.", drive.unit)
-        y, pushing = back.argument(load), by_sign(back.argument(way), half, -half)
-        per = constant("per_ratio", 1.0 / v["ratio"])
-        return (
-            step.returns(path + offset), there.returns((wanted - offset + side) * per),
-            at.returns(moved + offset - pushed), back.returns((y - offset + pushing) * per),
         )  # fmt: skip

@@ -27,7 +27,8 @@ import numpy.typing as npt
 
 from ..block import Block
 from ..errors import LogError, Notice, NotIdentifiedError
-from ..estimation.map import direction_notices
+from ..estimation.blocks import joined
+from ..estimation.map import are_in_order, direction_notices
 from ..estimation.motion_state import choose_dead_band, held_direction
 from ..estimation.named_map import NamedFit, NamedRows, fit_named_map
 from ..estimation.named_model import Values, check_request
@@ -142,8 +143,10 @@ def _opening(rest: FloatArray, slope: float, bend: float) -> FloatArray:
     return np.asarray(2.0 * np.maximum(rest, 0.0) / (slope + root + 1e-300))
 
 
-def _pressure_factor(drop: FloatArray, reference: float) -> FloatArray:
-    return np.asarray(np.sign(drop) * np.sqrt(np.abs(drop) / reference))
+def _pressure_factor(drop: npt.ArrayLike, reference: float, least: float = 0.0) -> FloatArray:
+    """Root of the pressure ratio with its sign; no drop counts for less than a share of it."""
+    ratio = np.asarray(drop, dtype=float) / reference
+    return np.asarray(np.where(ratio < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(np.abs(ratio), least)))
 
 
 def _law(v: Values, x: FloatArray) -> Array:
@@ -179,6 +182,152 @@ _PARAMETERS = (
 )  # fmt: skip
 
 
+# --------------------------------------------------------------------- what a controller runs
+
+
+class FlowMapBlock(Block):
+    """Flow of a command, and the command for a wanted flow, which jumps over the dead band."""
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        super().__init__(document, variant)
+        # what the data never reached is not needed: the map ends with them
+        low, high = self.validity["command"][:2]
+        beyond = [f"saturation_{side}" for side, _ in SIDES]
+        for side, end in (("positive", high), ("negative", -low)):
+            beyond += [f"{kind}_{side}" for kind in ("dead_band", "gain") if end <= 0.0]
+        self.accept([n for n in beyond if n in self.not_identified])
+
+    @property
+    def reference_pressure(self) -> float | None:
+        """Pressure drop at which the gains hold [Pa]; ``None`` where it was not recorded."""
+        return self.document.settled_options(FlowMapOptions).reference_pressure
+
+    def _factor(self, pressure_drop: npt.ArrayLike | None, least: float = 0.0) -> FloatArray:
+        if pressure_drop is None or self.reference_pressure is None:
+            return np.ones(())
+        return _pressure_factor(pressure_drop, self.reference_pressure, least)
+
+    def _at_reference(self, flow: npt.ArrayLike, pressure_drop: npt.ArrayLike | None) -> FloatArray:
+        """Flow that a wanted one is at the reference; no drop counts for less than the least."""
+        return np.asarray(np.asarray(flow, dtype=float) / self._factor(pressure_drop, _LEAST_DROP))
+
+    def _ends(self) -> tuple[float, float]:
+        """Lowest and highest flow, those of the saturations at the reference."""
+        v = self.numbers()
+        flows = valve_flow([v[f"saturation_{side}"] for side, _ in SIDES], v)
+        return float(np.real(flows).min()), float(np.real(flows).max())
+
+    def __call__(
+        self, command: npt.ArrayLike, pressure_drop: npt.ArrayLike | None = None
+    ) -> float | FloatArray:
+        """Flow [its unit] at a command [V]; at the reference pressure drop where none is given."""
+        self.watch(command=command)
+        factor = self._factor(pressure_drop)
+        q = np.asarray(np.real(valve_flow(command, self.numbers())) * factor, dtype=float)
+        return float(q) if q.ndim == 0 else q
+
+    def inverse(
+        self,
+        flow: npt.ArrayLike,
+        pressure_drop: npt.ArrayLike | None = None,
+        *,
+        clamp: bool = False,
+    ) -> float | FloatArray:
+        """Command [V] for a wanted flow: the compensation that stands before the valve.
+
+        At the leakage itself it is the command nearest zero inside the dead band.
+
+        Raises
+        ------
+        ValueError
+            When a flow lies beyond what the saturations give, unless clamped.
+        """
+        q, (low, high) = self._at_reference(flow, pressure_drop), self._ends()
+        slack = 1e-9 * (high - low)
+        if not clamp and not np.all((q >= low - slack) & (q <= high + slack)):
+            raise ValueError(
+                f"a flow beyond {low:g} to {high:g}, what the saturations give at the "
+                "reference pressure drop. Give clamp=True to take the end of the range."
+            )
+        u = valve_command(q, self.numbers())
+        return float(u) if u.ndim == 0 else u
+
+    def methods(self) -> Mapping[str, Callable[..., Any]]:
+        """All of them; see :meth:`.Block.methods`."""
+        return {
+            "flow": self, "command_for": partial(self.inverse, clamp=True),
+            "flow_at_reference": self._at_reference,
+        }  # fmt: skip
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Flow of a recording; see :meth:`.Block.predict`."""
+        options = self.document.settled_options(FlowMapOptions)
+        return np.asarray(np.real(_law(self.numbers(), _inputs(experiment, options))))
+
+    def routines(self) -> Sequence[Routine]:
+        """Flow of a command; the command for a flow at the reference pressure drop; that flow."""
+        v, unit, reference = self.numbers(), self.output.unit, self.reference_pressure
+        command = self.argument("command", "command of the valve")
+        about = "wanted flow" if reference is None else "wanted flow at the reference pressure drop"
+        wanted = Argument("flow", unit, about, *self._ends(), recorded=False)
+        forward = Draft("flow", "Steady flow of a command.", unit)
+        back = Draft("command_for", "Command for a steady flow.", command.unit)
+        u, q, leakage = forward.argument(command), back.argument(wanted), v["leakage"]
+        low, high = v["dead_band_negative"], v["dead_band_positive"]
+        total: Expression = constant("leakage", leakage)
+        # compared as they are: a difference would hide that rounding decides beside the leakage
+        found = choose(q, "<", leakage, low, float(np.clip(0.0, low, high)), jumps=True)
+        found = choose(q, ">", leakage, high, found, jumps=True)
+        for (side, _), (sign, edge, reach, gain, leak) in zip(SIDES, _sides(v)):
+            width, bend = float(_fade_width(edge, gain, leak)), gain * v["curvature"]
+            top = constant(f"reach_{side}", max(reach, 0.0))
+            x = forward.let(f"opening_{side}", minimum(maximum(sign * u - edge, 0.0), top))
+            faded = minimum(x * constant(f"per_fade_{side}", 1.0 / width), 1.0)
+            total = total + sign * (x * (gain + bend * x) - leak * faded)
+            if gain <= 0.0:
+                continue  # a side that was never opened gives no flow, whatever the command
+            beyond = maximum(sign * q - leak, 0.0)
+            near = back.let(f"near_{side}", _root_of(beyond, gain - leak / width, bend))
+            far = _root_of(maximum(sign * q, 0.0), gain, bend)
+            found = found + sign * minimum(choose(near, ">", width, far, near), top)
+        if reference is None:
+            return forward.returns(total), back.returns(found)
+        drop = self.argument("pressure_drop", "pressure drop over the valve")
+        scale = Draft("flow_at_reference", "Flow that a wanted one is at the reference.", unit)
+        asked = scale.argument(replace(wanted, about="wanted flow"))
+        there, least = scale.argument(drop), _LEAST_DROP * reference
+        if max(drop.low, -drop.high) < least:
+            scale.flag(abs(there), constant("least_pressure_drop", least))
+        return (
+            forward.returns(total * _factor_of(forward.argument(drop), drop, reference)),
+            back.returns(found),
+            scale.returns(asked / _factor_of(there, drop, reference, least)),
+        )
+
+
+def _factor_of(
+    drop: Expression, known: Argument, reference: float, least: float = 0.0
+) -> Expression:
+    """Square root of the pressure ratio with its sign, of a drop of the ``least`` size or more."""
+    of_range = max(known.low, -known.high, 0.0)
+    size = maximum(abs(drop), least) if least > of_range else abs(drop)
+    size = sqrt(size * constant("per_reference", 1.0 / reference))
+    if known.low > 0.0:
+        return size
+    if known.high < 0.0:
+        return -size
+    return by_sign(drop, size, -size, size if least else 0.0, jumps=bool(least))
+
+
+def _root_of(rest: Expression, slope: float, bend: float) -> Expression:
+    """Root of ``bend x^2 + slope x = rest`` for a rest that is not negative."""
+    x = rest * (1.0 / slope)  # where nothing bends
+    return 2.0 * x / (sqrt(maximum(x * (4.0 * bend / slope) + 1.0, 0.0)) + 1.0)
+
+
+# ------------------------------------------------------------------------------- the family
+
+
 class FlowMap(Family[FlowMapOptions]):
     """Steady flow of a proportional valve: dead band, gains, curvature, leakage, saturation."""
 
@@ -204,6 +353,7 @@ class FlowMap(Family[FlowMapOptions]):
         ),
     )  # fmt: skip
     options_type = FlowMapOptions
+    block_type = FlowMapBlock
     next_experiment = Excitation("points")
     structures = (
         Structure("straight, no leakage", fixed={"curvature": 0.0, "leakage": 0.0}),
@@ -217,13 +367,11 @@ class FlowMap(Family[FlowMapOptions]):
     ) -> Solution[FlowMapOptions]:
         """Fit the map; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        options = request.options
-        if not all("pressure_drop" in e for e in experiments):
-            options = replace(options, reference_pressure=None)
-        elif options.reference_pressure is None:
-            drops = np.abs(np.concatenate([e.sampled("pressure_drop") for e in experiments]))
-            options = replace(options, reference_pressure=float(np.median(drops)))
-        data = _gather(experiments, options)
+        options = _with_reference(request.options, experiments)
+        data = NamedRows.of(
+            [_inputs(e, options) for e in experiments],
+            [e.signals["flow"] for e in experiments], are_in_order(experiments, "command"),
+        )  # fmt: skip
         u, q = data.x[:, 0], data.y / np.where(data.x[:, 1] == 0.0, np.inf, data.x[:, 1])
         _require_flow_along(u, q, "pressure_drop" in experiments[0])
         most, largest = float(np.abs(u).max()), float(np.abs(q).max())
@@ -263,19 +411,12 @@ class FlowMap(Family[FlowMapOptions]):
 
     def static_view(self, plant: Plant[FlowMapOptions], runs: Runs) -> StaticView:
         """Flow over command, and the map at the reference pressure drop."""
-        data, units = _gather([e for e, _ in runs], plant.options), runs[0][0].units
-        u = data.x[:, 0]
-        line, reference = np.linspace(u.min(), u.max(), 500), plant.options.reference_pressure
+        u = joined([e.sampled("command") for e, _ in runs])
+        reference = plant.options.reference_pressure
+        line = np.linspace(u.min(), u.max(), 500)
         label = f"flow map at {1e-5 * reference:.3g} bar" if reference else "flow map"
-        return StaticView(
-            "command", units["command"], "flow", units["flow"], u, data.y,
-            np.concatenate([s.output for _, s in runs]), np.isfinite(data.y),
-            [Curve(label, line, np.real(valve_flow(line, plant.numbers)))],
-        )  # fmt: skip
-
-    def block(self, variant: Variant, document: ParameterDocument) -> FlowMapBlock:
-        """Return the map and its inverse."""
-        return FlowMapBlock(document, variant)
+        curve = Curve(label, line, np.real(valve_flow(line, plant.numbers)))
+        return StaticView.over(runs, "command", "flow", [curve])
 
 
 # ------------------------------------------------------------------------ data and refusals
@@ -301,14 +442,16 @@ def _inputs(e: Experiment, options: FlowMapOptions) -> FloatArray:
     return np.column_stack((u, _pressure_factor(e.sampled("pressure_drop"), reference)))
 
 
-def _gather(experiments: Sequence[Experiment], options: FlowMapOptions) -> NamedRows:
-    steps = np.diff(np.concatenate([e.sampled("command") for e in experiments]))
-    timed = all(e.time.size > 0 for e in experiments)
-    return NamedRows.of(
-        [_inputs(e, options) for e in experiments],
-        [e.signals["flow"] for e in experiments],
-        timed or bool((steps > 0.0).any() and (steps < 0.0).any()),
-    )
+def _with_reference(options: FlowMapOptions, experiments: Sequence[Experiment]) -> FlowMapOptions:
+    """Settle the reference: the median pressure drop, none where one log lacks it."""
+    reference = options.reference_pressure
+    if not all("pressure_drop" in e for e in experiments):
+        reference = None
+    elif reference is None:
+        reference = float(
+            np.median(np.abs(joined([e.sampled("pressure_drop") for e in experiments])))
+        )
+    return replace(options, reference_pressure=reference)
 
 
 def _starts(u: FloatArray, q: FloatArray, held: Mapping[str, float]) -> list[dict[str, float]]:
@@ -385,148 +528,3 @@ def _notices(found: NamedFit, unit: str, most: float) -> Iterator[Notice]:
         words, one_way, lambda q: f"{q:.3g} {unit}", 2e-3 * span,
         data.by_log(found.jacobian), data.by_log(found.residual), rising,
     )  # fmt: skip
-
-
-# --------------------------------------------------------------------- what a controller runs
-
-
-class FlowMapBlock(Block):
-    """Flow of a command, and the command for a wanted flow, which jumps over the dead band."""
-
-    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
-        super().__init__(document, variant)
-        # what the data never reached is not needed: the map ends with them
-        low, high = self.validity["command"][:2]
-        beyond = [f"saturation_{side}" for side, _ in SIDES]
-        for side, end in (("positive", high), ("negative", -low)):
-            beyond += [f"{kind}_{side}" for kind in ("dead_band", "gain") if end <= 0.0]
-        self.accept([n for n in beyond if n in self.not_identified])
-
-    @property
-    def reference_pressure(self) -> float | None:
-        """Pressure drop at which the gains hold [Pa]; ``None`` where it was not recorded."""
-        return self.document.settled_options(FlowMapOptions).reference_pressure
-
-    def _factor(self, pressure_drop: npt.ArrayLike | None) -> npt.ArrayLike:
-        if pressure_drop is None or self.reference_pressure is None:
-            return 1.0
-        return _pressure_factor(np.asarray(pressure_drop, dtype=float), self.reference_pressure)
-
-    def _at_reference(self, flow: npt.ArrayLike, pressure_drop: npt.ArrayLike | None) -> FloatArray:
-        """Flow that a wanted one is at the reference; no drop counts for less than the least."""
-        q = np.asarray(flow, dtype=float)
-        if pressure_drop is None or self.reference_pressure is None:
-            return q
-        drop, least = np.asarray(pressure_drop, dtype=float), _LEAST_DROP * self.reference_pressure
-        size = np.where(drop < 0.0, -1.0, 1.0) * np.maximum(np.abs(drop), least)
-        return np.asarray(q / self._factor(size))
-
-    def __call__(
-        self, command: npt.ArrayLike, pressure_drop: npt.ArrayLike | None = None
-    ) -> float | FloatArray:
-        """Flow [its unit] at a command [V]; at the reference pressure drop where none is given."""
-        self.watch(command=command)
-        factor = self._factor(pressure_drop)
-        q = np.asarray(np.real(valve_flow(command, self.numbers())) * factor, dtype=float)
-        return float(q) if q.ndim == 0 else q
-
-    def inverse(
-        self,
-        flow: npt.ArrayLike,
-        pressure_drop: npt.ArrayLike | None = None,
-        *,
-        clamp: bool = False,
-    ) -> float | FloatArray:
-        """Command [V] for a wanted flow: the compensation that stands before the valve.
-
-        At the leakage itself it is the command nearest zero inside the dead band.
-
-        Raises
-        ------
-        ValueError
-            When a flow lies beyond what the saturations give, unless clamped.
-        """
-        v = self.numbers()
-        q = self._at_reference(flow, pressure_drop)
-        ends = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
-        slack = 1e-9 * (max(ends) - min(ends))
-        if not clamp and not np.all((q >= min(ends) - slack) & (q <= max(ends) + slack)):
-            raise ValueError(
-                f"a flow beyond {min(ends):g} to {max(ends):g}, what the saturations give at the "
-                "reference pressure drop. Give clamp=True to take the end of the range."
-            )
-        u = valve_command(q, v)
-        return float(u) if u.ndim == 0 else u
-
-    def methods(self) -> Mapping[str, Callable[..., Any]]:
-        """All of them; see :meth:`.Block.methods`."""
-        return {
-            "flow": self, "command_for": partial(self.inverse, clamp=True),
-            "flow_at_reference": self._at_reference,
-        }  # fmt: skip
-
-    def predict(self, experiment: Experiment) -> FloatArray:
-        """Flow of a recording; see :meth:`.Block.predict`."""
-        options = self.document.settled_options(FlowMapOptions)
-        return np.asarray(np.real(_law(self.numbers(), _inputs(experiment, options))))
-
-    def routines(self) -> Sequence[Routine]:
-        """Flow of a command; the command for a flow at the reference pressure drop; that flow."""
-        v, unit, reference = self.numbers(), self.output.unit, self.reference_pressure
-        command = self.argument("command", "command of the valve")
-        flows = [float(np.real(valve_flow(v[f"saturation_{side}"], v))) for side, _ in SIDES]
-        about = "wanted flow" if reference is None else "wanted flow at the reference pressure drop"
-        wanted = Argument("flow", unit, about, min(flows), max(flows), recorded=False)
-        forward = Draft("flow", "Steady flow of a command.", unit)
-        back = Draft("command_for", "Command for a steady flow.", command.unit)
-        u, q, leakage = forward.argument(command), back.argument(wanted), v["leakage"]
-        low, high = v["dead_band_negative"], v["dead_band_positive"]
-        total: Expression = constant("leakage", leakage)
-        # compared as they are: a difference would hide that rounding decides beside the leakage
-        found = choose(q, "<", leakage, low, float(np.clip(0.0, low, high)), jumps=True)
-        found = choose(q, ">", leakage, high, found, jumps=True)
-        for (side, _), (sign, edge, reach, gain, leak) in zip(SIDES, _sides(v)):
-            width, bend = float(_fade_width(edge, gain, leak)), gain * v["curvature"]
-            top = constant(f"reach_{side}", max(reach, 0.0))
-            x = forward.let(f"opening_{side}", minimum(maximum(sign * u - edge, 0.0), top))
-            faded = minimum(x * constant(f"per_fade_{side}", 1.0 / width), 1.0)
-            total = total + sign * (x * (gain + bend * x) - leak * faded)
-            if gain <= 0.0:
-                continue  # a side that was never opened gives no flow, whatever the command
-            beyond = maximum(sign * q - leak, 0.0)
-            near = back.let(f"near_{side}", _root_of(beyond, gain - leak / width, bend))
-            far = _root_of(maximum(sign * q, 0.0), gain, bend)
-            found = found + sign * minimum(choose(near, ">", width, far, near), top)
-        if reference is None:
-            return forward.returns(total), back.returns(found)
-        drop = self.argument("pressure_drop", "pressure drop over the valve")
-        scale = Draft("flow_at_reference", "Flow that a wanted one is at the reference.", unit)
-        asked = scale.argument(replace(wanted, about="wanted flow"))
-        there, least = scale.argument(drop), _LEAST_DROP * reference
-        if max(drop.low, -drop.high) < least:
-            scale.flag(abs(there), constant("least_pressure_drop", least))
-        return (
-            forward.returns(total * _factor_of(forward.argument(drop), drop, reference)),
-            back.returns(found),
-            scale.returns(asked / _factor_of(there, drop, reference, least)),
-        )
-
-
-def _factor_of(
-    drop: Expression, known: Argument, reference: float, least: float = 0.0
-) -> Expression:
-    """Square root of the pressure ratio with its sign, of a drop of the ``least`` size or more."""
-    of_range = max(known.low, -known.high, 0.0)
-    size = maximum(abs(drop), least) if least > of_range else abs(drop)
-    size = sqrt(size * constant("per_reference", 1.0 / reference))
-    if known.low > 0.0:
-        return size
-    if known.high < 0.0:
-        return -size
-    return by_sign(drop, size, -size, size if least else 0.0, jumps=bool(least))
-
-
-def _root_of(rest: Expression, slope: float, bend: float) -> Expression:
-    """Root of ``bend x^2 + slope x = rest`` for a rest that is not negative."""
-    x = rest * (1.0 / slope)  # where nothing bends
-    return 2.0 * x / (sqrt(maximum(x * (4.0 * bend / slope) + 1.0, 0.0)) + 1.0)

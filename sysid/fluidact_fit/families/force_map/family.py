@@ -36,7 +36,6 @@ from ...experiment import Experiment, Hold
 from ...family import (
     Family,
     NoiseModel,
-    ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
@@ -94,6 +93,7 @@ class ForceMap(Family[ForceMapOptions]):
     )
     variants = tuple(_variant(t) for t in TARGETS)
     options_type = ForceMapOptions
+    block_type = ForceMapBlock
 
     def variants_for(self, options: ForceMapOptions) -> tuple[Variant, ...]:
         """The variant whose output is the target that the options name."""
@@ -176,7 +176,3 @@ class ForceMap(Family[ForceMapOptions]):
             np.concatenate([s.output for _, s in runs]), used,
             branch_curves(network, x[used], names, source),
         )  # fmt: skip
-
-    def block(self, variant: Variant, document: ParameterDocument) -> ForceMapBlock:
-        """The map that a controller calls with its inputs by name."""
-        return ForceMapBlock(document, variant)

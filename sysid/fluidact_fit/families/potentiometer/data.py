@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.blocks import joined
-from ...estimation.map import MapRows, position_edges
+from ...estimation.map import MapRows, are_in_order, position_edges
 from ...estimation.noise import noise_floor, white_noise
 from ...estimation.uncertainty import t_quantile
 from ...experiment import (
@@ -45,8 +45,7 @@ class CalibrationData:
     used
         Mask of the samples that are fitted, shape ``(n,)``.
     in_order
-        Whether samples follow one another in time: they have a time, or the reading moves in both
-        directions. A table may have been sorted.
+        Whether samples follow one another in time; see :func:`.are_in_order`.
     unit, output
         Unit of the reading, and reference of the first log.
     dead_band
@@ -168,10 +167,7 @@ def gather(experiments: Sequence[Experiment]) -> CalibrationData:
     ends = np.cumsum([0, *(x.size for x in readings)]).tolist()
     parts = tuple(slice(begin, end) for begin, end in pairwise(ends))
     used = where_both(where_finite(reading), where_finite(reference))
-    both_ways = all(
-        any(bool(way(x[:-1], x[1:]).any()) for x in readings) for way in (np.less, np.greater)
-    )
-    in_order = both_ways or all(e.time.size > 0 for e in experiments)
+    in_order = are_in_order(experiments, "reading")
     first = experiments[0].signals
     unit = first["reading"].unit
     return CalibrationData(reading, reference, parts, used, in_order, unit, first["reference"])

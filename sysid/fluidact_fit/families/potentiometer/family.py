@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import UsageError
-from ...estimation.blocks import joined
 from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold, where_both
 from ...family import (
@@ -32,7 +31,6 @@ from ...family import (
     Excitation,
     Family,
     NoiseModel,
-    ParameterDocument,
     ParameterSpec,
     Plant,
     Quantity,
@@ -50,7 +48,7 @@ from ...family import (
 )
 from .block import PotentiometerBlock
 from .calibration import Calibration, over_common_readings
-from .data import between, check_both_directions, gather, prepare
+from .data import between, check_both_directions, prepare
 from .fit import find_dead_band, fit_curve
 from .options import PotentiometerOptions
 from .rational_bezier import power_coefficients, rational_bezier
@@ -108,6 +106,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         ),
     )  # fmt: skip
     options_type = PotentiometerOptions
+    block_type = PotentiometerBlock
     next_experiment = Excitation("points")
     structures = (
         *(Structure(f"degree {n}", {"degree": str(n), "branches": "pooled"}) for n in range(1, 6)),
@@ -200,33 +199,23 @@ class Potentiometer(Family[PotentiometerOptions]):
 
     def static_view(self, plant: Plant[PotentiometerOptions], runs: Runs) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""
-        data, c = gather([e for e, _ in runs]), Calibration.of(plant.values)
-        t = np.linspace(0.0, 1.0, 500)
+        c, t = Calibration.of(plant.values), np.linspace(0.0, 1.0, 500)
         names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
-        points = c.curves[0][0]
-        return StaticView(
-            "reading", data.unit, "reference", data.output.unit,
-            data.reading, data.reference, joined([s.output for _, s in runs]),
-            where_both(data.used, between(data.reading, plant.options.rails)),
-            [
-                Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
-                for name, (p, w) in zip(names, c.curves)
-            ],
-            # where their pull is strongest when all weights are equal
-            Curve("control points", np.linspace(c.low, c.high, points.size), points)
-            if len(c.curves) == 1
-            else None,
-        )  # fmt: skip
+        curves = [
+            Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
+            for name, (p, w) in zip(names, c.curves)
+        ]
+        points = c.curves[0][0]  # where their pull is strongest when all weights are equal
+        drawn = Curve("control points", np.linspace(c.low, c.high, points.size), points)
+        return StaticView.over(
+            runs, "reading", "reference", curves, drawn if len(c.curves) == 1 else None
+        )
 
     def in_common(
         self, values: Sequence[Mapping[str, Value]]
     ) -> tuple[Sequence[Mapping[str, Value]], str]:
         """Curves over the readings that all cover; see :meth:`Family.in_common`."""
         return over_common_readings(values)
-
-    def block(self, variant: Variant, document: ParameterDocument) -> PotentiometerBlock:
-        """Return the calibration that a controller calls."""
-        return PotentiometerBlock(document, variant)
 
 
 def _check_dead_band(request: Request[PotentiometerOptions]) -> None:
