@@ -83,6 +83,9 @@ class ParameterSpec:
     general
         Parameter that stands for this one where a fit did not ask for it (``viscous`` for both
         directions).
+    searched
+        Whether a search ends at it, which a start and bounds are for: an offset that follows from
+        the other values may only be given.
     """
 
     name: str
@@ -101,6 +104,7 @@ class ParameterSpec:
     threshold: Literal["", "positive", "negative"] = ""
     base: str = ""
     general: str = ""
+    searched: bool = True
 
     def unit_for(self, units: Mapping[str, str]) -> str:
         """Unit of the parameter where the roles have these units; other roles their first."""

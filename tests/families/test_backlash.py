@@ -285,6 +285,8 @@ def test_the_offset_is_that_of_the_logs_and_may_be_given() -> None:
     assert off.document.fit.rmse.value > 5.0 * given.document.fit.rmse.value
     with pytest.raises(UsageError, match="has no bounds"):
         ff.fit("backlash", logs, bounds={"offset": (0.0, 1.0)})
+    with pytest.raises(UsageError, match="not searched for"):  # it was ignored
+        ff.fit("backlash", logs, start={"offset": 0.0})
 
 
 def test_drive_and_load_taken_for_each_other_are_refused() -> None:

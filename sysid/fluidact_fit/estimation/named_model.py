@@ -225,6 +225,11 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
         check_names(option, "single-valued parameter", given, known)
         for name, value in given.items():
             spec = by_name[name]
+            if option != "--fix" and not spec.searched:
+                raise UsageError(
+                    f"{option} {name}=...: it is not searched for from a start, and has no bounds",
+                    remedy=f"Leave {option} {name} out, or give --fix {name}=VALUE.",
+                )
             pair = value if isinstance(value, tuple) else (value, value)
             if pair[0] > pair[1]:
                 raise UsageError(

@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import SteppedBlock
-from ..errors import Notice, UsageError
+from ..errors import Notice
 from ..estimation.blocks import joined
 from ..estimation.named_model import NamedModel, Values, check_request, make_unknowns
 from ..estimation.noise import common_step, noise_floor, white_noise
@@ -384,7 +384,7 @@ class Backlash(Family[BacklashOptions]):
                 ),
                 ParameterSpec(
                     "offset", "m", "load where the drive is at zero, in the middle of the play",
-                    ratio=("load", "1"),
+                    ratio=("load", "1"), searched=False,
                 ),
             ),
         ),
@@ -400,7 +400,6 @@ class Backlash(Family[BacklashOptions]):
     ) -> Solution[BacklashOptions]:
         """Fit play, ratio and offset; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        _check_offset(request)
         level = request.fixed.get("offset")
         model = PlayModel(
             [e.sampled("drive") for e in experiments], [e.sampled("load") for e in experiments],
@@ -509,15 +508,6 @@ class Backlash(Family[BacklashOptions]):
             fitted=view.fitted - free,
             curves=[Curve("pushed up", ends, -half), Curve("pushed down", ends, half)],
         )  # fmt: skip
-
-
-def _check_offset(request: Request[BacklashOptions]) -> None:
-    """Refuse bounds of the offset, which follows from the other values (``UsageError``)."""
-    if "offset" in request.bounds:
-        raise UsageError(
-            "the offset of the load follows from its readings: it has no bounds",
-            remedy="Leave --bounds offset out, or give --fix offset=VALUE.",
-        )
 
 
 def _with_offset(fitted: Fitted, model: PlayModel) -> Fitted:

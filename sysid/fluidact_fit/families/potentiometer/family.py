@@ -100,7 +100,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 ParameterSpec(
                     "hysteresis_dead_band", "1",
                     "change of the reading after a reversal over which the branches change over",
-                    minimum=0.0, optional=True, ratio=("reading", "1"),
+                    minimum=0.0, optional=True, ratio=("reading", "1"), searched=False,
                 ),
             ),
         ),
@@ -121,7 +121,11 @@ class Potentiometer(Family[PotentiometerOptions]):
     ) -> Solution[PotentiometerOptions]:
         """Fit the curve; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        _check_dead_band(request)
+        if request.fixed and request.options.branches == "pooled":
+            raise UsageError(
+                f"--fix {', '.join(request.fixed)}: one curve for both directions has no dead band",
+                remedy="Give --branches two as well, or leave it out.",
+            )
         data, options, notices = prepare(experiments, request.options)
         request = replace(request, options=options)
         band = find_dead_band(data, request) if options.branches == "two" else None
@@ -216,18 +220,3 @@ class Potentiometer(Family[PotentiometerOptions]):
     ) -> tuple[Sequence[Mapping[str, Value]], str]:
         """Curves over the readings that all cover; see :meth:`Family.in_common`."""
         return over_common_readings(values)
-
-
-def _check_dead_band(request: Request[PotentiometerOptions]) -> None:
-    """Refuse what is given of the dead band and could not count (``UsageError``)."""
-    name = "hysteresis_dead_band"
-    if name in request.start or name in request.bounds:
-        raise UsageError(
-            f"{name} is searched among all that the readings allow: it has no start and no bounds",
-            remedy=f"Leave them out, or give --fix {name}=VALUE.",
-        )
-    if name in request.fixed and request.options.branches == "pooled":
-        raise UsageError(
-            f"--fix {name}=...: one curve for both directions has no dead band",
-            remedy="Give --branches two as well, or leave it out.",
-        )
