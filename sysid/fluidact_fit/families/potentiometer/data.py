@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -105,18 +105,27 @@ class CalibrationData:
 
     @cached_property
     def noise(self) -> float:
-        """White noise of the readings [their unit]; 0 where their order says nothing of it."""
-        known = [all_of(x, where_finite(x)) for x in (self.reading[p] for p in self.parts)]
-        return max(map(white_noise, known)) if self.in_order else 0.0
+        """White noise of the readings [their unit]; 0 where their order says nothing of it.
 
-    def disturbed(self, rng: np.random.Generator) -> MapRows:
-        """The rows with the noise of the readings added once more."""
-        noise = self.noise * rng.standard_normal(self.reading.size)
-        t = np.clip(self.rows.x[:, 0] + self.kept(noise) / self.readings[1], 0.0, 1.0)
-        share = self.rows.x[:, 1]
-        if self.dead_band is not None:
-            share = replace(self, reading=self.reading + noise).rising(self.dead_band)
-        return replace(self.rows, x=np.column_stack((t, share)))
+        No more than there is in the order of the positions: a log may visit those at random.
+        """
+        if not self.in_order:
+            return 0.0
+        known = [all_of(x, where_finite(x)) for x in (self.reading[p] for p in self.parts)]
+        at_position = _noise_at_position(self.kept(self.reading), self.kept(self.reference))
+        return min(at_position, max(map(white_noise, known)))
+
+    def disturbed(self, draws: int) -> Iterator[MapRows]:
+        """The rows with the noise of the readings added once more, and with its reverse."""
+        rng = np.random.default_rng(0)
+        for _ in range(draws):
+            drawn = self.noise * rng.standard_normal(self.reading.size)
+            for noise in (drawn, -drawn):  # what is linear in the noise cancels
+                t = np.clip(self.rows.x[:, 0] + self.kept(noise) / self.readings[1], 0.0, 1.0)
+                share = self.rows.x[:, 1]
+                if self.dead_band is not None:
+                    share = replace(self, reading=self.reading + noise).rising(self.dead_band)
+                yield replace(self.rows, x=np.column_stack((t, share)))
 
     @cached_property
     def few(self) -> MapRows:
@@ -321,12 +330,13 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
 
 
 def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
-    """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
-
-    In the order of the position, whose own noise counts as well.
-    """
+    """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told."""
     if reading.size < 200:
         return 0.0
-    x = reading[np.argsort(reference, kind="stable")]
-    noise = noise_floor(x, 3)
-    return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
+    noise = _noise_at_position(reading, reference)
+    return noise if noise <= 0.01 * float(np.ptp(reading)) else 0.0
+
+
+def _noise_at_position(reading: FloatArray, reference: FloatArray) -> float:
+    """Noise of the reading in the order of the position, whose own noise counts as well."""
+    return noise_floor(reading[np.argsort(reference, kind="stable")], 3)

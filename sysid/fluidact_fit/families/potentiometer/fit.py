@@ -75,11 +75,12 @@ def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> 
     _check_enough(data, BezierModel(options.degree_wanted or 1, data.branches))
     fit, scores = _search_degree(rows, data, request)
     fit, notices = _keep_monotone(rows, data, fit, options.monotone)
-    misfit, spread, shift = _spread(data, fit, ends)
+    misfit, spread, moved = _spread(data, fit, ends)
     plain, unsure = _drop_weights(rows, data, fit, spread, bool(scores))
     if plain is not fit:
         fit, notices = _keep_monotone(rows, data, plain, options.monotone)
-        misfit, spread, shift = _spread(data, fit, ends)
+        misfit, spread, moved = _spread(data, fit, ends)
+    shift = float(np.abs(data.rows.slopes(fit) @ moved).max())
     noise = {"reading": NoiseLevel(data.noise, _POWER)} if shift > MATTERS else {}
     notices += [
         *_noise_notice(data, shift),
@@ -331,10 +332,10 @@ def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
 
 def _spread(
     data: CalibrationData, fit: BezierFit, ends: MapRows | None
-) -> tuple[Misfit | None, Uncertainty, float]:
+) -> tuple[Misfit | None, Uncertainty, FloatArray]:
     """Lack of fit, covariance of control points [SI] and weights, and the shift by noise.
 
-    The covariance covers that shift, the largest of the curve by noise of the readings.
+    The covariance covers that shift of the free unknowns by noise of the readings.
 
     Raises
     ------
@@ -357,13 +358,11 @@ def _spread(
     scale = np.concatenate([np.append(np.full(p.size, stroke), w) for p, w in curves])
     expansion = np.kron(np.eye(fit.model.branches), fit.model.expansion)
     matrix = scale[:, None] * expansion[:, fit.free]
-    found, shift = matrix @ gain @ spread.covariance @ gain.T @ matrix.T, 0.0
+    found, moved = matrix @ gain @ spread.covariance @ gain.T @ matrix.T, np.zeros(matrix.shape[1])
     if data.noise:
-        rng = np.random.default_rng(0)
-        moved = shift_by_noise(fit, (data.disturbed(rng) for _ in range(_DRAWS)))
+        moved = shift_by_noise(fit, data.disturbed(_DRAWS))
         found = widen_by(found, matrix @ moved)
-        shift = float(np.abs(rows.slopes(fit) @ moved).max())
-    return misfit, replace(spread, covariance=found), shift
+    return misfit, replace(spread, covariance=found), moved
 
 
 def _with_measured_ends(
@@ -391,10 +390,9 @@ def _noise_notice(data: CalibrationData, shift: float) -> Iterator[Notice]:
         noise = f"{data.noise:.2g}{after_number(data.unit)}"
         yield Notice(
             "input-noise-left",
-            f"'reading' carries noise of about {noise} rms, which flattens the curve: it is off by "
-            f"up to {data.words(shift)}, at its ends and where it bends. The intervals allow for "
-            "that. Average readings at rest, or record the sensor through a filter and move more "
-            "slowly.",
+            f"'reading' carries noise of about {noise} rms, which flattens the curve by up to "
+            f"{data.words(shift)}, at its ends and where it bends; the intervals allow for that. "
+            "Average readings at rest, or filter the sensor and move more slowly.",
         )
 
 
