@@ -78,7 +78,7 @@ class MapRows:
     y: FloatArray
     count: FloatArray
 
-    def take(self, index: BoolArray | Index) -> MapRows:
+    def take(self, index: BoolArray | Index | slice) -> MapRows:
         """Return some of the rows."""
         return MapRows(self.x[index], self.y[index], self.count[index])
 
@@ -474,14 +474,17 @@ def find_uncertainty(
     return replace(found, covariance=matrix, degrees=min(found.degrees, misfit.degrees))
 
 
-def shift_by_noise(fit: MapFit[Any], disturbed: Iterable[MapRows]) -> FloatArray:
+def shift_by_noise(fit: MapFit[Any], rows: MapRows, disturbed: Iterable[MapRows]) -> FloatArray:
     """Shift of the free unknowns by noise of the inputs, shape ``(q,)``, to first order.
 
-    A fit whose inputs are ``disturbed`` once more by as much as they are already moves as far again
-    (simulation extrapolation [4]_).
+    A fit to rows whose inputs are ``disturbed`` once more by as much as they are already moves as
+    far again (simulation extrapolation [4]_).
     """
-    moved = [scaled_least_squares(rows.slopes(fit), rows.residual(fit)) for rows in disturbed]
-    return np.asarray(np.mean(moved, axis=0))
+
+    def step(rows: MapRows) -> FloatArray:
+        return scaled_least_squares(rows.slopes(fit), rows.residual(fit))
+
+    return np.asarray(np.mean([step(again) for again in disturbed], axis=0) - step(rows))
 
 
 def direction_notices(

@@ -24,10 +24,12 @@ from ...experiment import (
     where_both,
     where_finite,
 )
+from ...rows import middle_of
 from .calibration import is_share_known, rising_share
 from .options import PotentiometerOptions
 
 FINE = 4096  # parts of the range whose samples are merged for searches
+_SAMPLES = 30_000  # that a dead band or a shift is found by
 _NEAR = 21  # distinct readings next to an extreme one that it is compared with
 _SURE = 0.995  # confidence that an extreme reading is off the course of its neighbours
 
@@ -112,20 +114,29 @@ class CalibrationData:
         if not self.in_order:
             return 0.0
         known = [all_of(x, where_finite(x)) for x in (self.reading[p] for p in self.parts)]
-        at_position = _noise_at_position(self.kept(self.reading), self.kept(self.reference))
-        return min(at_position, max(map(white_noise, known)))
+        x, y = (self.kept(v)[middle_of(self.rows.y.size)] for v in (self.reading, self.reference))
+        in_time = max(white_noise(x[middle_of(x.size)]) for x in known)
+        return min(_noise_at_position(x, y), in_time)
 
     def disturbed(self, draws: int) -> Iterator[MapRows]:
         """The rows with the noise of the readings added once more, and with its reverse."""
-        rng = np.random.default_rng(0)
+        rng, (t, share) = np.random.default_rng(0), self.rows.x[self.sparse].T
         for _ in range(draws):
             drawn = self.noise * rng.standard_normal(self.reading.size)
             for noise in (drawn, -drawn):  # what is linear in the noise cancels
-                t = np.clip(self.rows.x[:, 0] + self.kept(noise) / self.readings[1], 0.0, 1.0)
-                share = self.rows.x[:, 1]
+                moved = t + self.kept(noise)[self.sparse] / self.readings[1]
                 if self.dead_band is not None:
-                    share = replace(self, reading=self.reading + noise).rising(self.dead_band)
-                yield replace(self.rows, x=np.column_stack((t, share)))
+                    other = replace(self, reading=self.reading + noise)
+                    share = other.rising(self.dead_band)[self.sparse]
+                yield replace(
+                    self.rows.take(self.sparse),
+                    x=np.column_stack((np.clip(moved, 0.0, 1.0), share)),
+                )
+
+    @property
+    def sparse(self) -> slice:
+        """Rows of a long record that tell as much of a few numbers as all of them."""
+        return slice(None, None, 1 + self.rows.y.size // _SAMPLES)
 
     @cached_property
     def few(self) -> MapRows:

@@ -38,7 +38,6 @@ from .options import PotentiometerOptions
 from .rational_bezier import LOG_WEIGHT_LIMIT, BezierModel, bernstein, express, is_monotone
 
 MOST = 5  # highest degree of an automatic choice
-_SAMPLES = 30_000  # that a dead band is chosen by
 _DEGREES = (12, 2)  # of the mean and the difference of branches over the pooled curve, for that
 MATTERS = 2e-3  # share of the stroke that is worth a warning
 _DRAWS = 4  # of the noise of the readings
@@ -80,7 +79,7 @@ def fit_curve(data: CalibrationData, request: Request[PotentiometerOptions]) -> 
     if plain is not fit:
         fit, notices = _keep_monotone(rows, data, plain, options.monotone)
         misfit, spread, moved = _spread(data, fit, ends)
-    shift = float(np.abs(data.rows.slopes(fit) @ moved).max())
+    shift = float(np.abs(data.rows.take(data.sparse).slopes(fit) @ moved).max())
     noise = {"reading": NoiseLevel(data.noise, _POWER)} if shift > MATTERS else {}
     notices += [
         *_noise_notice(data, shift),
@@ -119,7 +118,7 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     finest = data.readings[1] * max(
         2.0 * float(np.diff(np.unique(data.few.x[:, 0])).min()), MATTERS
     )
-    at = slice(None, None, 1 + data.rows.y.size // _SAMPLES)
+    at = data.sparse
     level = np.clip(model.value(pooled.theta, data.rows.x), 0.0, 1.0)
     y, (mean, difference) = data.rows.y[at], (bernstein(level[at], n) for n in _DEGREES)
 
@@ -360,7 +359,7 @@ def _spread(
     matrix = scale[:, None] * expansion[:, fit.free]
     found, moved = matrix @ gain @ spread.covariance @ gain.T @ matrix.T, np.zeros(matrix.shape[1])
     if data.noise:
-        moved = shift_by_noise(fit, data.disturbed(_DRAWS))
+        moved = shift_by_noise(fit, rows.take(data.sparse), data.disturbed(_DRAWS))
         found = widen_by(found, matrix @ moved)
     return misfit, replace(spread, covariance=found), moved
 
