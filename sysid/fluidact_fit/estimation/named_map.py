@@ -247,13 +247,11 @@ def fit_named_map(
     NotIdentifiedError
         When a parameter without a neutral value is undetermined.
     """
-    every = (-np.inf, np.inf)
-    ranges = {
-        s.name: _within(
-            (s.minimum, s.maximum), limits.get(s.name, every), request.bounds.get(s.name, every)
-        )
-        for s in specs
-    }
+    ranges = {}
+    for s in specs:
+        given = [r[s.name] for r in (limits, request.bounds) if s.name in r]
+        low, high = zip((s.minimum, s.maximum), *given)
+        ranges[s.name] = (max(low), min(high))
     search = _Search(law, {s.name: s for s in specs}, data, starts, ranges, request)
     held = dict(request.fixed)
     for refusal in refusals:
@@ -266,12 +264,6 @@ def fit_named_map(
     last = ended.solution
     solved = replace(last.solved, refused=dict(ended.refused))
     return replace(last, solved=solved, notices=ended.notices)
-
-
-def _within(*ranges: tuple[float, float]) -> tuple[float, float]:
-    """What is common to some ranges."""
-    low, high = zip(*ranges)
-    return max(low), min(high)
 
 
 def _with_intervals(

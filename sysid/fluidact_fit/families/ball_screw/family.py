@@ -33,7 +33,6 @@ from ...family import (
     Excitation,
     Family,
     Information,
-    ParameterDocument,
     ParameterSpec,
     PhysicsView,
     Plant,
@@ -122,6 +121,7 @@ class BallScrew(Family[BallScrewOptions]):
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
+    block_type = DriveBlock
     structures = FRICTION_STRUCTURES
     examined = 40_000
     next_experiment = Excitation("command")
@@ -203,10 +203,6 @@ class BallScrew(Family[BallScrewOptions]):
             if name == BREAKAWAY[s]:
                 return 1.3 * v[f"coulomb_{s}"]
         return v[name]
-
-    def block(self, variant: Variant, document: ParameterDocument) -> DriveBlock:
-        """The drive that a controller steps; see :class:`DriveBlock`."""
-        return DriveBlock(document, variant)
 
 
 def _follow(

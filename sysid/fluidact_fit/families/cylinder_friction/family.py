@@ -154,6 +154,7 @@ class CylinderFriction(Family[FrictionOptions]):
         for motion in (axis.speed, axis.place)
     )
     options_type = FrictionOptions
+    block_type = FrictionBlock
     structures = FRICTION_STRUCTURES
     steady_offset = True
 
@@ -290,7 +291,3 @@ class CylinderFriction(Family[FrictionOptions]):
             axis.speed_words, axis.speed_unit, "friction", axis.force_unit,
             v, friction, law.moving(v), used, lines,
         )  # fmt: skip
-
-    def block(self, variant: Variant, document: ParameterDocument) -> FrictionBlock:
-        """The friction map that a controller calls with a velocity."""
-        return FrictionBlock(document, variant)

@@ -48,7 +48,7 @@ from ...family import (
 )
 from .block import ForceMapBlock, branch_curves
 from .certificates import Certificate
-from .data import column_of, data_notices, input_table, predict_runs
+from .data import data_notices, input_table, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
 from .training import file_parameters, fit_details, fit_network, training_notices
 
@@ -162,17 +162,9 @@ class ForceMap(Family[ForceMapOptions]):
 
     def static_view(self, plant: Plant[ForceMapOptions], runs: Runs) -> StaticView:
         """Output over command or force, with the branches at the outermost positions."""
-        options = plant.options
-        names, target = options.names, options.target
+        options, names = plant.options, plant.options.names
+        source = next(n for n in (options.driver, *names) if n in names and n in runs[0][0])
+        view = StaticView.over(runs, source, options.target, ())
+        x = np.vstack([input_table(e, names, options) for e, _ in runs])[view.used]
         network = ScaledNetwork.of(plant.values, options.activation)
-        source = options.driver if options.driver in names else names[0]
-        x = np.vstack([input_table(e, names, options) for e, _ in runs])
-        used = np.concatenate([s.used for _, s in runs if s.used is not None])
-        signals = runs[0][0].signals
-        return StaticView(
-            source, signals[source].unit if source in signals else "m/s",
-            target, signals[target].unit,
-            x[:, names.index(source)], np.concatenate([column_of(e, target) for e, _ in runs]),
-            np.concatenate([s.output for _, s in runs]), used,
-            branch_curves(network, x[used], names, source),
-        )  # fmt: skip
+        return replace(view, curves=branch_curves(network, x, names, source))

@@ -23,7 +23,6 @@ from ...experiment import Experiment, Hold
 from ...family import (
     Family,
     NoiseModel,
-    ParameterDocument,
     ParameterSpec,
     PhysicsView,
     Plant,
@@ -139,6 +138,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
     options_type = HydraulicCylinderOptions
+    block_type = HydraulicBlock
     structures = (
         Structure(
             "no dead zone", {"stribeck": "none"},
@@ -213,10 +213,6 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     ) -> Mapping[str, Any]:
         """Resonance on the oil, where it was fitted; see :meth:`Family.derived`."""
         return resonance(values, options) if options.stage == "gray-box" else {}
-
-    def block(self, variant: Variant, document: ParameterDocument) -> HydraulicBlock:
-        """Flow, velocity and command for a controller."""
-        return HydraulicBlock(document, variant)
 
 
 def _is_gray_box(setup: Setup) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -245,13 +246,8 @@ class HydraulicMotor(MotorResponse, Family[MotorOptions]):
         """Speed over command going up and coming down, of settled points."""
         if plant.variant.name != STATIC:
             return None
-        u, units = np.concatenate([e.sampled("command") for e, _ in runs]), runs[0][0].units
-        speed = np.concatenate([e["speed"] for e, _ in runs])
-        return StaticView(
-            "command", units["command"], "speed", units["speed"], u, speed,
-            np.concatenate([s.output for _, s in runs]), np.isfinite(speed),
-            _loop(u, plant.numbers),
-        )  # fmt: skip
+        view = StaticView.over(runs, "command", "speed", ())
+        return replace(view, curves=_loop(view.x, plant.numbers))
 
     def block(self, variant: Variant, document: ParameterDocument) -> MotorCurve:
         """The static curve and its inverse for a controller, and the motion where it is known."""

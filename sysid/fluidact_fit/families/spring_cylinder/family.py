@@ -22,7 +22,6 @@ from ...family import (
     Curve,
     Family,
     NoiseModel,
-    ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
@@ -110,6 +109,7 @@ class SpringCylinder(Family[SpringOptions]):
         ),
     )  # fmt: skip
     options_type = SpringOptions
+    block_type = SpringCylinderBlock
     structures = (
         Structure("Coulomb friction", {"stribeck": "none"}),
         Structure("Coulomb friction, Stribeck", {"stribeck": "estimate"}),
@@ -209,10 +209,6 @@ class SpringCylinder(Family[SpringOptions]):
             name, runs[0][0].signals[name].unit, "force", "N",
             drive, force, fitted, used, curves,
         )  # fmt: skip
-
-    def block(self, variant: Variant, document: ParameterDocument) -> SpringCylinderBlock:
-        """The force of the cylinder and its exact inverse."""
-        return SpringCylinderBlock(document, variant)
 
 
 def _one_way(
