@@ -807,6 +807,20 @@ def test_noise_of_the_reading_is_named_and_covered(noise: float, warned: bool) -
         assert np.all(np.abs(curve - 0.06 * places) < 4.0 * error)
 
 
+@pytest.mark.parametrize("options", [{"rails": (200.0, 800.0)}, {"branches": "two"}])
+def test_noise_changes_no_choice_of_samples(options: dict[str, Any]) -> None:
+    """Copies with other noise had other samples inside the rails, which broke the examination."""
+    rng = np.random.default_rng(5)
+    place = np.abs(np.mod(np.linspace(0.05, 6.0, 1500) + 1.0, 2.0) - 1.0)
+    volts = place - 0.03 * np.sign(np.gradient(place)) * ("branches" in options)
+    log = {
+        "time": 0.01 * np.arange(place.size), "reference": 0.06 * place,
+        "reading": 1023.0 * volts + 20.0 * rng.standard_normal(place.size),
+    }  # fmt: skip
+    found = ff.fit("potentiometer", log, **options)
+    assert "input-noise-left" in {n.code for n in found.notices}
+
+
 def test_positions_in_random_order_are_no_noise_of_the_reading() -> None:
     rng = np.random.default_rng(11)
     t = rng.uniform(0.0, 1.0, 2000)

@@ -188,6 +188,8 @@ def with_noise_copies(at: Optimum) -> Optimum:
     draws = _draws(at)
     every = [*at.experiments, *(run for draw in draws for run in draw)]
     output, simulated = at.variant.output.name, at.family.simulate(at.plant, every)
+    count = len(at.experiments)  # whatever noise does to an input, the samples stay the same
+    simulated = [replace(s, used=simulated[k % count].used) for k, s in enumerate(simulated)]
     fitted = [Simulation.of(e, found, output) for e, found in zip(every, simulated, strict=True)]
     runs = [FittedRun(e, s, {}) for e, s in zip(every, simulated, strict=True)]
     q = at.solution.differentiated
