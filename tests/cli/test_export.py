@@ -103,7 +103,11 @@ def write_open(folder: Path) -> None:
     entry["status"] = "not_identified"
     for key in ("std_error", "ci95", "method"):
         entry.pop(key, None)
-    raw.pop("covariance")
+    table = raw["covariance"]
+    gone = table["order"].index("damping_ratio")
+    table["order"].pop(gone)
+    table["matrix"] = [row[:gone] + row[gone + 1 :] for row in table["matrix"]]
+    table["matrix"].pop(gone)
     (folder / "open.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
 
 
