@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...signals import polynomial_taps
 from .axis import is_place
 from .filters import (
     DEGREE,
+    FIVE_POINTS,
     central_difference,
     differentiate,
     fill,
@@ -43,7 +44,7 @@ class FilteredMotion:
         position.
     sharp
         Velocity for predictions, with little noise and hardly flattened: a measured velocity
-        smoothed, or the slope of a position with the loss by its filter restored to first order.
+        smoothed, or the slope of a position by windows that end at corners.
     inside
         Mask of the samples whose filter window lies within the record.
     noise, raw
@@ -134,15 +135,14 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
         )
     if is_place(role):
         v, kernel = fill(rate, inside), matched_kernel(half, 1)
-        sharp = sharpener(kernel)
         far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
         inside = far if far.any() else inside
-        taps = polynomial_taps(half, DEGREE)[1] / experiment.sample_time
-        quiet, raw = (noise * float(np.linalg.norm(t)) for t in (taps, np.convolve(taps, sharp)))
-        acceleration = central_difference(v, experiment.time)
-        return FilteredMotion(
-            v, v, filtered(v, sharp), inside, quiet, raw, acceleration, half, kernel
+        quiet, acceleration = (
+            noise * _slope_noise(experiment, half),
+            central_difference(v, experiment.time),
         )
+        sharp, raw = _local_slope(experiment, y, noise, half)
+        return FilteredMotion(v, v, sharp, inside, quiet, raw, acceleration, half, kernel)
     once = matched_kernel(half, 0)
     sharp = sharpener(once)
     smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
@@ -153,33 +153,84 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
     return FilteredMotion(others, y, smoothed, inside, quiet, noise, acceleration, half)
 
 
+def _slopes(
+    experiment: Experiment, place: FloatArray, half: int
+) -> Iterator[tuple[tuple[FloatArray, FloatArray], ...]]:
+    """Yield slopes by ever longer windows, from a half-width on to an eighth of the record.
+
+    Two by each: with the loss by its filter restored to first order, and as they are. Each comes
+    with its weights, by which noise of the place goes into it: ``(n,)`` [m/s] and ``(m,)`` [1/s].
+    """
+    _, rate, inside = differentiate(experiment, place, half)
+    while inside.any():
+        taps = polynomial_taps(half, DEGREE)[1] / experiment.sample_time
+        rate, sharp = fill(rate, inside), sharpener(matched_kernel(half, 1))
+        yield (filtered(rate, sharp), np.convolve(taps, sharp)), (rate, taps)
+        half *= 2
+        if 16 * half > place.size:
+            return
+        _, rate, inside = differentiate(experiment, place, half)
+
+
+def _local_slope(
+    experiment: Experiment, place: FloatArray, noise: float, half: int
+) -> tuple[FloatArray, float]:
+    """Velocity by the longest window that all shorter ones agree with [1]_, and its noise.
+
+    A window that reaches over a corner of the velocity disagrees with them. Windows as they are
+    end close to a corner; those whose loss is restored are longer where the motion is smooth.
+
+    Returns
+    -------
+    Velocity, shape ``(n,)``, and the root mean square of its noise over all samples [m/s].
+
+    References
+    ----------
+    .. [1] A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparametric
+       regression", Mathematical Methods of Statistics 6, 1997.
+    """
+    far = float(np.sqrt(2.0 * np.log(place.size)))  # of so many normal variables hardly any is
+    lengths, (best, errors) = np.zeros((2, place.size), dtype=int), np.zeros((2, 2, place.size))
+    low, high = np.full((2, 2, place.size), np.inf) * np.array([-1.0, 1.0])[:, None, None]
+    for k, pair in enumerate(_slopes(experiment, place, max(half // 8, min(half, 2)))):
+        slopes = np.array([slope for slope, _ in pair])
+        error = noise * np.array([[np.linalg.norm(weights)] for _, weights in pair])
+        low, high = np.maximum(low, slopes - far * error), np.minimum(high, slopes + far * error)
+        agree = (lengths == k) & (low <= high)
+        best, errors = np.where(agree, slopes, best), np.where(agree, error, errors)
+        lengths += agree
+    row = (lengths[1] > lengths[0]).astype(int)[None]
+    best, errors = (np.take_along_axis(x, row, axis=0)[0] for x in (best, errors))
+    return best, float(np.sqrt(np.mean(errors**2)))
+
+
+def _slope_noise(experiment: Experiment, half: int) -> float:
+    """Standard deviation of a filtered slope, per that of the place [1/s]."""
+    return float(np.linalg.norm(polynomial_taps(half, DEGREE)[1])) / experiment.sample_time
+
+
 def quiet_acceleration(experiment: Experiment, motion: FilteredMotion, role: str) -> FloatArray:
     """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
-    The filter of a position is made longer as long as what this changes is noise, and taken one
-    step before that [1]_.
+    From the filter that the log itself needs, that of a position is made longer as long as what
+    this changes is noise, and taken one step before that [1]_.
 
     .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
        Probability and its Applications 35, 1990.
     """
     if not motion.reach:
         return np.asarray(motion.acceleration)
-    half, step = motion.half, experiment.sample_time
-    noise = motion.noise * step / float(np.linalg.norm(polynomial_taps(half, DEGREE)[1]))
-    before = best = central_difference(motion.sharp, experiment.time)
-    sharp = sharpener(motion.kernel)
-    while 32 * half <= experiment.samples:
-        taps = np.convolve(polynomial_taps(half, DEGREE)[1], np.array([-1, 8, 0, -8, 1]) / 12.0)
-        left = noise * float(np.linalg.norm(np.convolve(taps, sharp))) / step**2
-        half *= 2
-        _, rate, inside = differentiate(experiment, experiment[role], half)
-        if not inside.any():
+    half, noise = motion.half, motion.noise / _slope_noise(experiment, motion.half)
+    while half > 2 and noise * _slope_noise(experiment, half // 2) <= _QUIET * motion.fast:
+        half //= 2  # the filter is one that another log needs
+    before, best, left = np.zeros(0), np.zeros(0), 0.0
+    for (slope, weights), _ in _slopes(experiment, experiment[role], half):
+        longer = central_difference(slope, experiment.time)
+        if best.size and np.mean((longer - best)[motion.inside] ** 2) > _EXPLAINED * left**2:
             break
-        sharp = sharpener(matched_kernel(half, 1))
-        longer = central_difference(filtered(fill(rate, inside), sharp), experiment.time)
-        if float(np.mean((longer - best)[inside & motion.inside] ** 2)) > _EXPLAINED * left**2:
-            break
-        before, best = best, longer
+        left = noise * float(np.linalg.norm(np.convolve(weights, FIVE_POINTS)))
+        left /= experiment.sample_time
+        before, best = best if best.size else longer, longer
     return before
 
 
