@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -27,6 +28,7 @@ _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
 _QUIET = 0.003  # noise of the filtered speed, as a share of the highest, that is small enough
 SLOW = 0.05  # share of the highest speed below which friction is not that of motion
 _EXPLAINED = 1.2  # times its noise that an acceleration may change when filtered for longer
+_LOCAL = 4  # windows that are compared: from an eighth of the filter, or the shortest
 _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for the strokes
 
 
@@ -141,8 +143,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
             noise * _slope_noise(experiment, half),
             central_difference(v, experiment.time),
         )
-        sharp, raw = _local_slope(experiment, y, noise, half)
-        return FilteredMotion(v, v, sharp, inside, quiet, raw, acceleration, half, kernel)
+        return FilteredMotion(v, v, v, inside, quiet, quiet, acceleration, half, kernel)
     once = matched_kernel(half, 0)
     sharp = sharpener(once)
     smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
@@ -172,27 +173,26 @@ def _slopes(
         _, rate, inside = differentiate(experiment, place, half)
 
 
-def _local_slope(
-    experiment: Experiment, place: FloatArray, noise: float, half: int
-) -> tuple[FloatArray, float]:
-    """Velocity by the longest window that all shorter ones agree with [1]_, and its noise.
+def _with_local_slope(experiment: Experiment, role: str, motion: FilteredMotion) -> FilteredMotion:
+    """Give the motion of a place the slope by the longest window that all shorter ones agree with.
 
-    A window that reaches over a corner of the velocity disagrees with them. Windows as they are
-    end close to a corner; those whose loss is restored are longer where the motion is smooth.
-
-    Returns
-    -------
-    Velocity, shape ``(n,)``, and the root mean square of its noise over all samples [m/s].
+    A window that reaches over a corner of the velocity disagrees with them [1]_. Windows as they
+    are end close to a corner; those whose loss is restored are longer where the motion is smooth.
 
     References
     ----------
     .. [1] A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparametric
        regression", Mathematical Methods of Statistics 6, 1997.
     """
-    far = float(np.sqrt(2.0 * np.log(place.size)))  # of so many normal variables hardly any is
-    lengths, (best, errors) = np.zeros((2, place.size), dtype=int), np.zeros((2, 2, place.size))
-    low, high = np.full((2, 2, place.size), np.inf) * np.array([-1.0, 1.0])[:, None, None]
-    for k, pair in enumerate(_slopes(experiment, place, max(half // 8, min(half, 2)))):
+    if not motion.reach:
+        return motion
+    half, n = motion.half, experiment.samples
+    noise = motion.noise / _slope_noise(experiment, half)
+    far = float(np.sqrt(2.0 * np.log(n)))  # of so many normal variables hardly any is
+    lengths, (best, errors) = np.zeros((2, n), dtype=int), np.zeros((2, 2, n))
+    low, high = np.full((2, 2, n), np.inf) * np.array([-1.0, 1.0])[:, None, None]
+    windows = _slopes(experiment, experiment[role], max(half // 8, min(half, 2)))
+    for k, pair in enumerate(islice(windows, _LOCAL)):
         slopes = np.array([slope for slope, _ in pair])
         error = noise * np.array([[np.linalg.norm(weights)] for _, weights in pair])
         low, high = np.maximum(low, slopes - far * error), np.minimum(high, slopes + far * error)
@@ -200,8 +200,8 @@ def _local_slope(
         best, errors = np.where(agree, slopes, best), np.where(agree, error, errors)
         lengths += agree
     row = (lengths[1] > lengths[0]).astype(int)[None]
-    best, errors = (np.take_along_axis(x, row, axis=0)[0] for x in (best, errors))
-    return best, float(np.sqrt(np.mean(errors**2)))
+    sharp, errors = (np.take_along_axis(x, row, axis=0)[0] for x in (best, errors))
+    return replace(motion, sharp=sharp, raw=float(np.sqrt(np.mean(errors**2))))
 
 
 def _slope_noise(experiment: Experiment, half: int) -> float:
@@ -317,4 +317,5 @@ def make_motions(
     if half_width is None and measured:
         half_width = (_choose_slope if is_place(role) else _choose_smoothing)(measured, role)
     half_width = half_width or 0.0
-    return [_filter(e, role, half_width) for e in experiments], half_width
+    motions = [_with_local_slope(e, role, _filter(e, role, half_width)) for e in experiments]
+    return motions, half_width
