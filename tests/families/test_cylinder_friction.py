@@ -395,6 +395,22 @@ def test_slow_and_fast_strokes_by_position_pass_with_intervals_that_say_what_is_
             assert abs(q.number - true) < 4.0 * float(q.std_error or 0.0)
 
 
+def test_friction_that_varies_along_the_travel_is_named(tmp_path: Path) -> None:
+    """By a tenth of its level, again every 50 mm: the levels were 15 standard errors off."""
+    motions = [
+        partial(cylinder_friction.in_strokes, speeds=(v,), length=length, ramp=0.05)
+        for v, length in ((0.005, 0.02), (0.1, 0.1))
+    ]
+    logs = cylinder_friction.record(
+        np.random.default_rng(432), motions=motions, role="position", n=2000,
+        spoil=partial(cylinder_friction.bent, share=0.1),
+    )  # fmt: skip
+    paths = [write(tmp_path / f"{j}.csv", log, UNITS) for j, log in enumerate(logs)]
+    found = ff.fit("cylinder-friction", paths, mass=cylinder_friction.MASS)
+    (notice,) = [n for n in found.notices if n.code == "unmodelled-response"]
+    assert "friction varies along the travel" in notice.message
+
+
 def test_unknown_mass_leaves_the_ramps_out() -> None:
     log = record(TWO_SPEEDS, mass=20.0)
     e = fit([log])

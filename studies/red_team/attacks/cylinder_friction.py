@@ -82,6 +82,13 @@ def rounded(values: Array, step: float) -> Array:
     return step * np.round(values / step) if step else values
 
 
+def bent(r: Recording, rng: np.random.Generator, share: float, every: float = 0.05) -> Recording:
+    """Friction that varies along the travel by a share of its level, again ``every`` so far [m]."""
+    place = np.convolve(np.pad(r["position"], 4, "edge"), np.ones(9) / 9.0, "valid")
+    more = share * TRUTH["coulomb_positive"] * np.sin(2.0 * np.pi * place / every)
+    return {**r, "force": r["force"] + np.sign(np.gradient(place)) * more}
+
+
 def record(
     rng: np.random.Generator,
     *,
@@ -291,6 +298,13 @@ def _machines() -> Iterator[Attack]:
         yield _attack("given wrong", f"force {by} samples late", spoil=partial(late, by=by))
     yield _attack("one bad sample", "force", spoil=partial(glitch, role="force", factor=30.0))
     yield _attack("one bad sample", "velocity", spoil=partial(glitch, role="velocity", factor=5.0))
+    slow_and_fast = [
+        partial(in_strokes, speeds=(v,), length=length, ramp=0.05)
+        for v, length in ((0.005, 0.02), (0.1, 0.1))
+    ]
+    for share in (0.05, 0.1, 0.2):
+        yield _attack("friction along the travel", f"{100 * share:g} %", motions=slow_and_fast, n=2000,
+                      role="position", spoil=partial(bent, share=share))  # fmt: skip
     yield _attack("clipped", "at 5 N", spoil=partial(clip, level=5.0))
     options = {"mass": MASS, "stribeck": "estimate"}
     for words, shape in (("another shape", 1.0), ("a sudden fall", 4.0)):

@@ -57,6 +57,7 @@ from ...family import (
     Simulated,
     Solution,
     StaticView,
+    UnmodelledEffect,
     Variant,
     make_solution,
 )
@@ -76,6 +77,7 @@ from .samples import (
     sides_moved,
     simulate_force,
 )
+from .unmodelled import unmodelled_effects
 
 _AREAS = "area * pressure - area_2 * pressure_2"
 _PRESSURE = Role(
@@ -250,6 +252,10 @@ class CylinderFriction(Family[FrictionOptions]):
         """Assume the values of the other direction; no viscous friction at all, and no rise."""
         pair = next((names for names in (LEVELS, ONE_SIDED) if name in names), ())
         return max((plant.numbers[n] for n in pair), default=0.0)
+
+    def unmodelled_effects(self, plant: Plant[FrictionOptions]) -> Sequence[UnmodelledEffect]:
+        """Forces along the travel; see :meth:`Family.unmodelled_effects`."""
+        return list(unmodelled_effects(plant))
 
     def derived(self, values: Mapping[str, Any], options: FrictionOptions) -> Mapping[str, Any]:
         """Mean of the Coulomb levels, half their difference; see :meth:`Family.derived`."""

@@ -1,0 +1,48 @@
+"""Forces that vary along the travel of a cylinder or shaft."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from ...experiment import Experiment, FloatArray
+from ...family import Plant, Simulate, UnmodelledEffect
+from .axis import axis_of, is_place, motion_role
+from .options import FrictionOptions
+from .samples import prepare
+
+_PLACES = 9  # between which a force along the stroke follows straight lines
+
+
+def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffect]:
+    """Yield friction and load that vary along the travel, where the position was recorded."""
+    if not is_place(motion_role(plant.variant)):
+        return
+    axis = axis_of(plant.variant)
+    for name, words, remedy, rubs in (
+        ("friction along the travel", "friction varies along the travel",
+         "A bent rod, a worn seal or a tight bearing: fit parts of the travel by themselves "
+         "(--window, --exclude).", True),
+        ("load along the travel", "a load varies along the travel",
+         "A spring, a hose, a cable or a slope: record what it takes, or take it off.", False),
+    ):  # fmt: skip
+        response = partial(_along_the_travel, plant, rubs)
+        yield UnmodelledEffect(name, words, remedy, response, axis.force_unit)
+
+
+def _along_the_travel(
+    plant: Plant[FrictionOptions], rubs: bool, experiments: Sequence[Experiment], _: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Output per force at each of some places, against the motion or not, ``(n, places)``."""
+    role, output = motion_role(plant.variant), plant.variant.output.name
+    data, _options = prepare(plant.variant, experiments, plant.options)
+    ends = [f(e[role]) for e in experiments for f in (np.min, np.max)]
+    places = np.linspace(min(ends), max(ends), _PLACES)
+    out = []
+    for e, d in zip(experiments, data, strict=True):
+        hats = np.column_stack([np.interp(e[role], places, one) for one in np.eye(_PLACES)])
+        side = np.sign(d.motion.sharp)[:, None] if rubs else 1.0
+        out.append({output: side * hats / d.scale})
+    return out
