@@ -303,8 +303,8 @@ def _machines() -> Iterator[Attack]:
         for v, length in ((0.005, 0.02), (0.1, 0.1))
     ]
     for share in (0.05, 0.1, 0.2):
-        yield _attack("friction along the travel", f"{100 * share:g} %", motions=slow_and_fast, n=2000,
-                      role="position", spoil=partial(bent, share=share))  # fmt: skip
+        yield _attack("friction along the travel", f"{100 * share:g} %", role="position",
+                      motions=slow_and_fast, n=2000, spoil=partial(bent, share=share))  # fmt: skip
     yield _attack("clipped", "at 5 N", spoil=partial(clip, level=5.0))
     options = {"mass": MASS, "stribeck": "estimate"}
     for words, shape in (("another shape", 1.0), ("a sudden fall", 4.0)):
