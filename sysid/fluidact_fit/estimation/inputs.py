@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
-from ..rows import middle_of
+from ..rows import blocks, middle_of
 from .noise import PER_MEDIAN, white_level
 from .significance import SEEN
 from .spline import FEWEST, cubic_pieces
@@ -253,16 +253,15 @@ def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
 
     The edges are complex in derivatives.
     """
-    value, least, most = np.real(u), np.real(negative), np.real(positive)
-    # a difference at an edge of zero takes it across: both parts count then
-    beyond: Array = np.maximum(value - most, 0.0)
-    beyond += np.minimum(value - least, 0.0)
-    if not any(np.iscomplexobj(x) for x in (u, negative, positive)):
-        return beyond
-    moved = np.imag(u) if np.iscomplexobj(u) else 0.0
-    out = beyond.astype(complex)
-    out.imag = (value > most) * (moved - np.imag(positive))
-    out.imag += (value < least) * (moved - np.imag(negative))
+    out = np.empty(u.shape, np.result_type(u, negative, positive, float))
+    for at in blocks(u.size):
+        value, least, most = np.real(u[at]), np.real(negative), np.real(positive)
+        # a difference at an edge of zero takes it across: both parts count then
+        out.real[at] = np.maximum(value - most, 0.0) + np.minimum(value - least, 0.0)
+        if np.iscomplexobj(out):
+            moved = np.imag(u[at])
+            out.imag[at] = (value > most) * (moved - np.imag(positive))
+            out.imag[at] += (value < least) * (moved - np.imag(negative))
     return out
 
 
