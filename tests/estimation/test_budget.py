@@ -138,9 +138,12 @@ def test_every_speed_at_which_a_rise_is_sought_is_one_simulation() -> None:
 def test_a_fit_of_every_family_ends_at_its_bound(
     family: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With half as many simulations as it takes it ends early and says so, or writes nothing."""
+    """With few simulations it ends early and says so, with hardly any it writes nothing.
+
+    Searches end at half of what is allowed, and may leave more to be done after them.
+    """
     dataset, taken = load_dataset(family), fit_dataset(family).document.fit.details or {}
-    most = taken["search"]["simulations"]
+    most = int(1.1 * taken["search"]["simulations"])
     monkeypatch.setattr(budget, "PASSES", 0.0)
     monkeypatch.setattr(budget, "AT_MOST", most)
     result = ff.fit(family, dataset.read(), **dataset.options)
