@@ -217,6 +217,16 @@ def test_a_date_beside_a_duration_counts_from_its_own_beginning(tmp_path: Path) 
     assert [c.since for c in log.columns[:2]] == [1_717_156_800_000_000_000, 0]
 
 
+def test_a_clock_that_is_not_read_moves_no_other(tmp_path: Path) -> None:
+    """Beside it, another one counted from midnight instead of from its first sample."""
+    zones = (" CET", " CEST")
+    rows = [f"11:00:{k:02d},12:00:{k:02d}{zones[k % 2]},{k}.5" for k in range(40)]
+    log = read(tmp_path, "at,logged,p", rows)
+    assert log.columns[1].doubt
+    np.testing.assert_array_equal(log.columns[0].values, np.arange(40.0))
+    assert [c.since for c in log.columns[:2]] == [39_600 * 10**9, 0]
+
+
 def test_a_timer_is_not_taken_for_the_time(tmp_path: Path) -> None:
     """The only column of durations was, although another one was called the time."""
     rows = [f"{0.125 * k},T#{k % 8}ms,{k}.5" for k in range(40)]

@@ -124,11 +124,13 @@ def read_clocks(
                 )
             )
     read = {k: column.instants for k, column in found.items()}
-    first = {k: next((v for v in values if v is not None), 0) for k, values in read.items()}
+    first = {k: next((v for v in values if v is not None), None) for k, values in read.items()}
+    begun = {k: v for k, v in first.items() if v is not None}
     out, begins = {}, {}
     for k, instants in read.items():
-        alike = [v for v in first.values() if (abs(v) > _UNDATED) == (abs(first[k]) > _UNDATED)]
-        begins[k] = origin = min(alike)
+        dated = abs(begun.get(k, 0)) > _UNDATED
+        alike = (v for v in begun.values() if (abs(v) > _UNDATED) == dated)
+        begins[k] = origin = min(alike, default=0) if k in begun else 0
         values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in instants]
         known = np.array([v is not None for v in values], dtype=np.bool_)
         since: IntArray = np.array([v - origin for v in values if v is not None], dtype=np.int64)
