@@ -1,4 +1,4 @@
-"""Older Tektronix exports: settings beside the first samples, written after their description."""
+"""Exports of oscilloscopes, written after their descriptions."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fluidact_fit.errors import LogError
 from fluidact_fit.logs import read_log
 
 SETTINGS = (
@@ -46,3 +47,21 @@ def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     log = read_log(path)
     assert log.rows == 299
     assert [line for line, _ in log.account.left_out] == [101]
+
+
+def test_numbered_samples_have_the_instants_that_are_written_once(tmp_path: Path) -> None:
+    """As a Rigol exports two channels."""
+    path = tmp_path / "NewFile1.csv"
+    rows = [f"{k},{0.5 * (k % 5):.2e},{k:.2e},," for k in range(100)]
+    head = ["X,CH1,CH2,Start,Increment", "Sequence,Volt,Volt,-2.0e-03,1.0e-04"]
+    path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    log = read_log(path)
+    assert log.dialect.name == "Rigol oscilloscope"
+    assert [(c.header, c.unit) for c in log.columns] == [
+        ("time", "s"), ("CH1", "Volt"), ("CH2", "Volt"),
+    ]  # fmt: skip
+    np.testing.assert_allclose(log.columns[0].values, -2e-3 + 1e-4 * np.arange(100), atol=1e-12)
+    np.testing.assert_allclose(log.columns[2].values, np.arange(100.0))
+    path.write_text("\n".join([head[0], "Sequence,Volt,Volt,?,0", *rows]), encoding="utf-8")
+    with pytest.raises(LogError, match=r"line 2.*are no instants"):
+        read_log(path)
