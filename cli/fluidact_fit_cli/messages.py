@@ -12,7 +12,8 @@ from fluidact_fit.notices import is_note
 
 from .show import paint, tell_painted, width_of
 
-_NAMED = 3  # logs of which the same is said
+_NAMED = 3  # logs or parameters of which the same is said
+_NAME = re.compile(r"(?![\d.,]+ )\S+(?= )")  # what comes first, unless it is a number
 _SENTENCE = re.compile(r"(?<![.\s][A-Za-z]\.)(?<=[.?!])\s+(?=[A-Z'\"-])")  # not behind "e.g."
 _INDENT, _CONTINUED = "  ", "    "
 
@@ -24,13 +25,14 @@ def echo_notices(notices: Iterable[Notice]) -> None:
     """
     together: dict[tuple[str, str], dict[str, None]] = {}
     for notice in sorted(notices, key=lambda n: is_note(n.code)):
-        name, _, rest = notice.message.partition(" ")
-        together.setdefault((notice.code, rest), {})[name] = None
+        found = _NAME.match(notice.message)
+        name = found[0] if found else ""
+        together.setdefault((notice.code, notice.message.removeprefix(name)), {})[name] = None
     for (code, rest), names in together.items():
         first = next(iter(names))
         mark = first[-1] if first.endswith((":", ",")) else ""
         named = listed([name.removesuffix(mark) for name in names], _NAMED)
-        tell_message("note" if is_note(code) else "warning", f"{named}{mark} {rest}", code)
+        tell_message("note" if is_note(code) else "warning", f"{named}{mark}{rest}", code)
 
 
 def tell_message(word: str, text: str, code: str = "") -> None:

@@ -109,6 +109,16 @@ def test_what_is_said_of_several_parameters_is_said_once(
     )
 
 
+def test_numbers_that_come_first_are_no_names(capsys: pytest.CaptureFixture[str]) -> None:
+    echo_notices([Notice("log-unused", f"{n} logs have no sample.") for n in (3, 5)])
+    echo_notices([Notice("log-unused", "Unused.")])
+    assert capsys.readouterr().err.splitlines() == [
+        "note (log-unused): 3 logs have no sample.",
+        "note (log-unused): 5 logs have no sample.",
+        "note (log-unused): Unused.",
+    ]
+
+
 def test_notes_are_no_warnings_and_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     said = [Notice("unit-assumed", f"{name}.csv: no unit was found.") for name in "abcde"]
     echo_notices([*said, Notice("poor-fit", "the model misses 1.5 of 2. Look at it.\nGive more.")])
