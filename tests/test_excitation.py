@@ -394,6 +394,7 @@ def test_a_design_takes_units_and_says_what_the_command_line_prints() -> None:
     file = Path(__file__).parent / "golden" / "0.1.0" / "line.yaml"
     found = design(file, amplitude=("1 bar", "6 bar"), duration=2.0)
     assert found.limits.amplitude == (1e5, 6e5)
+    assert design(file, amplitude=["1 bar", "6 bar"], duration=2.0).limits == found.limits
     assert repr(found.table()) in str(found)
     assert f"line: {found.description}" in str(found)
     assert "binding limits: " in str(found)

@@ -51,7 +51,7 @@ def _limits_in_si(task: Task, amplitude: Any, rate: Any, stroke: Any) -> Limits:
 
 def _in_si(option: str, value: Any, unit: str) -> Any:
     """A limit, or both ends of one, in SI (``UsageError``)."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return tuple(_in_si(option, end, unit) for end in value)
     try:
         return in_si(value, unit)
