@@ -10,9 +10,7 @@ from pathlib import Path
 from ..block import Block
 from ..control.controller_file import ControllerFile, read_controller_file
 from ..control.controller_numbers import numbers_of
-from ..control.controllers import (
-    Controller,
-)
+from ..control.controllers import Controller
 from ..control.machines import make_controller, make_plant
 from ..control.margins import loop_margins
 from ..control.plants.base import Plant
