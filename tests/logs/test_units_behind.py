@@ -64,3 +64,27 @@ def test_units_in_number_formats_of_a_workbook(tmp_path: Path) -> None:
     log = read_log(tmp_path / "log.xlsx")
     assert [c.unit for c in log.columns] == ["s", "mV", "bar"]
     np.testing.assert_allclose(log.columns[1].values, U, rtol=1e-15)
+
+
+def test_a_letter_between_blanks_is_a_cell_of_its_own(tmp_path: Path) -> None:
+    """It was taken for the unit of the cell before, and the header no longer fitted."""
+    log = read(tmp_path, ["t p phase", *(f"{t:.3f} {p:.3f} A" for t, p in zip(T, P))])
+    assert [(c.name, c.unit) for c in log.columns] == [("t", None), ("p", None), ("phase", None)]
+    np.testing.assert_allclose(log.columns[1].values, np.round(P, 3))
+    log = read(tmp_path, ["t p", *(f"{t:.3f} {p:.3f}bar" for t, p in zip(T, P))])
+    assert [c.unit for c in log.columns] == [None, "bar"]
+
+
+@pytest.mark.parametrize("form", ['0.0,"kN"', '0.0,," MN"', '0,.0" kN"', '#,##0.0,"kN"'])
+def test_a_number_format_that_shows_thousands_says_no_unit(tmp_path: Path, form: str) -> None:
+    """5000 N, shown as 5.0 kN, was read as 5000 kN."""
+    book = Workbook()
+    sheet = book.active
+    sheet.append(["time [s]", "force"])
+    for row, (t, u) in enumerate(zip(T, U), start=2):
+        sheet.append([float(t), 1e3 * float(u)])
+        sheet.cell(row, 2).number_format = form
+    book.save(tmp_path / "log.xlsx")
+    force = read_log(tmp_path / "log.xlsx").columns[1]
+    assert force.unit is None
+    np.testing.assert_allclose(force.values, 1e3 * U, rtol=1e-15)

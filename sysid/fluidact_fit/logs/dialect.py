@@ -80,6 +80,12 @@ def find_layout(source: Source, written: Written) -> Layout:
         body = [line for line in head[skipped:] if line.strip()] or body
     body = as_written = [line for line in body if not hints.is_session(line)]
     capture = serial.recognise(body)
+    behind = () if capture is not None else _units_behind(body)
+    bare = list(map(_without_units, body)) if behind else []
+    if behind and any(found[0].startswith(" ") for found in _BEHIND.finditer(body[0])):
+        # between blanks it is a cell of its own
+        blank = _choose_cut(bare, hints, written, source.name).delimiter == " "
+        behind = () if blank else behind
     if capture is not None:
         hints = replace(
             hints,
@@ -89,8 +95,8 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
-    elif behind := _units_behind(body):
-        body, tidy = list(map(_without_units, body)), partial(_without_units, units=behind)
+    elif behind:
+        body, tidy = bare, partial(_without_units, units=behind)
         cut = replace(_choose_cut(body, hints, written, source.name), tidy=tidy)
     elif 2 * sum(map(bool, map(_is_quoted_row, body))) > len(body):
         body = list(map(_unquoted, body))
@@ -118,7 +124,7 @@ def find_layout(source: Source, written: Written) -> Layout:
         raise _no_table(source.name, written, skipped)  # one number is none
     visible = _hidden(head, written.skip_rows)
     layout = _lay_out(visible, body, start, cut, hints, written, source.name)
-    if capture is None and behind:
+    if behind:
         layout = _with_units_behind(layout, as_written[0])
     return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
 

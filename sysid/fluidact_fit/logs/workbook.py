@@ -35,6 +35,7 @@ _BLOCK = 1 << 20
 _MOST_ROWS = 1_048_576
 _DAY = 86_400 * 10**6  # microseconds
 _LITERAL = re.compile(r'"([^"]*)"')  # of a number format: what is shown behind the number
+_THOUSANDS = re.compile(r"[0#?],+(?![0#?,])")  # of a number format: these are shown
 _BUG = 60  # Excel counts a 29 February 1900
 
 
@@ -213,7 +214,8 @@ def _text(cell: Any, epoch: datetime) -> str:
         return _clean(str(value))
     style = _kind_of(cell.number_format[:200])
     if style == "number" or not math.isfinite(value):
-        shown = _LITERAL.search(cell.number_format[:200])
+        form = cell.number_format[:200]
+        shown = None if _THOUSANDS.search(_LITERAL.sub("", form)) else _LITERAL.search(form)
         unit = shown[1].strip() if shown else ""
         return f"{value!r} {unit}" if looks_like_unit(unit) else repr(value)
     if style == "duration":
