@@ -122,7 +122,7 @@ def echo_painted(*parts: str) -> None:
 
 def show(found: Shown) -> None:
     """Print the parts of a result, blank lines between them."""
-    for k, part in enumerate(found.parts()):
+    for k, part in enumerate([part for part in found.parts() if part]):
         if k:
             echo()
         if isinstance(part, Table):

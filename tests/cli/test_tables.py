@@ -11,8 +11,9 @@ import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.parameters.document import Derived, Deviation, Parameter
+from fluidact_fit.tables import Shown, Table
 from fluidact_fit_cli.parameter_table import echo_parameters
-from fluidact_fit_cli.show import echo_table
+from fluidact_fit_cli.show import echo_table, show
 
 COLOUR = re.compile("\x1b\\[[0-9]+m")
 
@@ -130,3 +131,14 @@ def test_a_pipe_has_every_column_and_no_colour(
     assert "95 % interval" in heading
     assert "\x1b" not in done.out + done.err
     assert "\r" not in done.err
+
+
+def test_empty_parts_of_a_result_leave_no_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    """As in Python, where they are left out of the text."""
+
+    class Result(Shown):
+        def parts(self) -> list[Table | str]:
+            return ["first", Table(("a", "b"), ()), "last", ""]
+
+    show(Result())
+    assert capsys.readouterr().out == "first\n\nlast\n" == f"{Result()}\n"
