@@ -59,3 +59,11 @@ def test_the_page_shows_markup_as_text(tmp_path: Path) -> None:
     assert "onerror" in page
     assert "<img" not in page.replace('<img src="data:', "")
     assert 'href="logs/%3Cimg%20src' in page
+
+
+def test_a_job_without_a_reason_is_listed_by_its_message(tmp_path: Path) -> None:
+    """It was grouped by it, and shown without words."""
+    failed = JobResult("j", "k", 3, message="a.csv: it stops in the middle.")
+    write_summary([Job("j", "line", ("a.csv",))], [failed], tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "<td>a.csv: it stops in the middle.</td>" in page

@@ -131,11 +131,17 @@ def by_reason(outcomes: Sequence[JobResult]) -> list[list[JobResult]]:
     groups: dict[tuple[str, str], list[JobResult]] = {}
     for outcome in outcomes:
         if outcome.exit:
-            key = outcome.status, _VARYING.sub("…", outcome.reason or outcome.message)
+            key = outcome.status, _VARYING.sub("…", _words(outcome))
             groups.setdefault(key, []).append(outcome)
     return sorted(groups.values(), key=lambda group: -len(group))
 
 
+def _words(outcome: JobResult) -> str:
+    """What was found, or the message where nothing else was noted."""
+    return outcome.reason or outcome.message
+
+
 def _reason(group: Sequence[JobResult]) -> Reason:
-    text = _VARYING.sub("…", group[0].reason) if len(group) > 1 else group[0].reason
+    text = _words(group[0])
+    text = _VARYING.sub("…", text) if len(group) > 1 else text
     return Reason(group[0].status, text, [outcome.job for outcome in group])
