@@ -20,7 +20,7 @@ MOST_CELLS = 1000  # of an array of cells or references
 _MOST_ELEMENTS = 20_000
 KEPT = 5000  # texts of cells that are no number, of one vector
 _MOST_KEPT = 50_000  # of all
-EXACT = 1 << 53  # whole numbers that double precision holds
+_EXACT = 1 << 53  # whole numbers that double precision holds
 
 
 class Sink:
@@ -120,7 +120,7 @@ class Sink:
         if values.dtype.kind == "b":
             values, how = values.astype(np.float64), how or "true and false to 1 and 0"
         exact = values.dtype.kind not in "iu" or values.dtype.itemsize < 8 or not values.size
-        if not exact and max(abs(int(values.min())), abs(int(values.max()))) <= EXACT:
+        if not exact and max(abs(int(values.min())), abs(int(values.max()))) <= _EXACT:
             exact = True
         # what doubles do not hold is handed over as it is
         place = self.room(
