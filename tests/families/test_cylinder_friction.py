@@ -395,6 +395,24 @@ def test_slow_and_fast_strokes_by_position_pass_with_intervals_that_say_what_is_
             assert abs(q.number - true) < 4.0 * float(q.std_error or 0.0)
 
 
+def test_a_jitter_of_the_stamps_is_no_noise_of_the_position() -> None:
+    """It was taken for some, of 0.1 mm: windows reached over corners, and intervals were wide."""
+    for k in range(3):
+        rng, logs = np.random.default_rng([433, k]), []
+        for frequency in (0.3, 0.7):
+            t = 0.01 * (np.arange(1500) + rng.uniform(-0.25, 0.25, 1500))
+            phase = np.mod(t * frequency, 1.0)
+            v = np.where(phase < 0.5, -0.2, 0.2) * frequency
+            force = np.where(v > 0.0, 8.0, -6.0) + 40.0 * v + 0.3 * rng.standard_normal(t.size)
+            place = 0.05 * (2.0 * np.abs(2.0 * phase - 1.0) - 1.0)
+            place += 1e-5 * rng.standard_normal(t.size)
+            logs.append({"time": t, "force": force, "position": place})
+        found = ff.fit("cylinder-friction", logs)
+        assert "unmodelled-response" not in {n.code for n in found.notices}
+        q = found.parameters["viscous"]
+        assert abs(q.number - 40.0) < 4.0 * float(q.std_error or 0.0) < 1.0
+
+
 def test_friction_that_varies_along_the_travel_is_named(tmp_path: Path) -> None:
     """By a tenth of its level, again every 50 mm: the levels were 15 standard errors off."""
     motions = [

@@ -65,12 +65,13 @@ def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> Fl
     return np.asarray(np.sum(weights * samples, axis=0))
 
 
-def white_noise(values: FloatArray) -> float:
+def white_noise(values: FloatArray, time: FloatArray | None = None) -> float:
     """Standard deviation of the white noise of a column ``(n,)``, 0 where it is exact [its unit].
 
-    Whatever shrinks with the order of the differences is motion, not noise.
+    Whatever shrinks with the order of the differences is motion, not noise; ``time`` as in
+    :func:`noise_floor`.
     """
-    sigma = min(noise_floor(values, order) for order in _ORDERS)
+    sigma = min(noise_floor(values, order, time=time) for order in _ORDERS)
     return sigma if sigma > _EXACT * float(np.ptp(values)) else 0.0
 
 

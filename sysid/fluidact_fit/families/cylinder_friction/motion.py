@@ -122,7 +122,8 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
     step = experiment.signals[role].resolution
     if np.ptp(y) < 20.0 * step:
         step = 0.0  # a handful of exact levels, as in a table of plateaus
-    noise = max(white_noise(y), float(step / np.sqrt(12.0)))
+    uneven = experiment.time if experiment.time.size and not experiment.uniform else None
+    noise = max(white_noise(y, uneven), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
         return FilteredMotion(y, y, y, everywhere, noise, noise)
     least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
