@@ -105,7 +105,7 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     Raises
     ------
     NotIdentifiedError
-        When the branches do not differ.
+        When the branches do not differ beyond chance.
     """
     if "hysteresis_dead_band" in request.fixed:
         return float(request.fixed["hysteresis_dead_band"])
@@ -140,10 +140,10 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     band = float(finest * 2.0**refined.x)
     if _difference_tail(data, level, band) > AT_ODDS:
         raise NotIdentifiedError(
-            "the data cannot determine hysteresis_dead_band: at one reading the reference is the "
-            "same whether readings rise or fall.",
-            expected="Branches that differ by more than errors of the reference do by chance.",
-            remedy="Leave --branches two out, or give --fix hysteresis_dead_band=VALUE.",
+            "the data cannot determine hysteresis_dead_band: at one reading the reference differs "
+            "between rising and falling readings by no more than errors do by chance.",
+            remedy="Leave --branches two out, record more strokes, or give "
+            "--fix hysteresis_dead_band=VALUE.",
         )
     return band
 
