@@ -23,6 +23,7 @@ from scipy.io import savemat
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, UsageError
 from fluidact_fit.logs import read_log
+from fluidact_fit.logs.arrays import log_of
 
 CSV = Path(__file__).parents[2] / "datasets/line/trial1.csv"
 SI = {"time": 1e-3, "inlet": 1e5, "outlet": 1e5}  # ms, bar, bar
@@ -348,6 +349,18 @@ def test_a_missing_instant_is_one_invalid_row(
     values = read_log(given).columns[0].values
     assert np.flatnonzero(np.isnan(values)).tolist() == [missing]
     np.testing.assert_allclose(np.diff(np.delete(values, missing))[6:], 0.01)
+
+
+@pytest.mark.parametrize("unit", ["Y", "M", "W", "D", "h", "m", "s", "ms", "us", "ns"])
+@pytest.mark.parametrize("order", "<>")
+def test_instants_count_in_the_unit_that_they_have(unit: str, order: str) -> None:
+    """Months were taken for minutes, and years ended in a traceback."""
+    begin = np.datetime64("2024-01-01").astype(f"M8[{unit}]")
+    instants = begin + np.arange(12)
+    log = log_of({"time": instants.astype(f"{order}M8[{unit}]"), "p": np.arange(12.0)}, "log")
+    since = instants.astype("M8[ns]") - begin.astype("M8[ns]")  # months differ in length
+    np.testing.assert_allclose(log.columns[0].values, since / np.timedelta64(1, "s"), rtol=1e-15)
+    assert log.columns[0].since == int(begin.astype("M8[ns]").astype(np.int64))
 
 
 @pytest.mark.parametrize(

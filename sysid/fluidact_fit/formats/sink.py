@@ -220,6 +220,8 @@ def seconds_of(values: Array) -> tuple[Array, int, dict[int, str]]:
     1970], and what is none by its row.
     """
     values = values.astype(values.dtype.newbyteorder("="), copy=False)
+    if np.datetime_data(values.dtype)[0] in ("Y", "M"):  # which differ in length
+        values = values.astype(f"{values.dtype.kind}8[s]")
     none, whole = np.isnat(values), values.view(np.int64)
     first = np.flatnonzero(~none)[:1]
     since = int(whole[first[0]]) if values.dtype.kind == "M" and first.size else 0
