@@ -108,7 +108,7 @@ def scan(
     Yields
     ------
     Indices and states of one block after the other, ``(m, n)``: ``count + 1`` states in all,
-    beginning with ``start``. Who does not keep them spares a long record their memory.
+    beginning with ``start``. A long record needs less memory where they are not kept.
     """
     from scipy.linalg.blas import dtbsv, ztbsv
 

@@ -140,10 +140,8 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
         v, kernel = fill(rate, inside), matched_kernel(half, 1)
         far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
         inside = far if far.any() else inside
-        quiet, acceleration = (
-            noise * _slope_noise(experiment, half),
-            central_difference(v, experiment.time),
-        )
+        quiet = noise * _slope_noise(experiment, half)
+        acceleration = central_difference(v, experiment.time)
         return FilteredMotion(v, v, v, inside, quiet, quiet, acceleration, half, kernel)
     once = matched_kernel(half, 0)
     sharp = sharpener(once)
