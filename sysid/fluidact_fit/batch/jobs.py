@@ -85,7 +85,7 @@ def read_jobs(path: str | os.PathLike[str]) -> list[Job]:
     jobs = [_make_job(row, place) for place, row in rows]
     if not jobs:
         raise JobsFileError("holds no job.", where=where, expected=_FORM,
-                            remedy="Give one row a job.")  # fmt: skip
+                            remedy="Give one row per job.")  # fmt: skip
     _check_names(jobs, where)
     return jobs
 

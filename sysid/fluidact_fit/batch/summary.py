@@ -60,7 +60,7 @@ def _inert(cell: Any) -> Any:
 
 
 def summary_table(jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> pd.DataFrame:
-    """One row a job: what came of it, and every number with its standard error.
+    """One row per job: what came of it, and every number with its standard error.
 
     A list gives one column an entry, ``control_points[0]``; a number that a job has not is
     empty. Times are not in it: the same jobs give the same table.

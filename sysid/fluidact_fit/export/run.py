@@ -36,7 +36,7 @@ class Exported(list[Path]):
     notices: Sequence[Notice] = ()
 
     def summary(self) -> str:
-        """Return the paths, one a line."""
+        """Return the paths, one per line."""
         return "\n".join(map(str, self))
 
     def _repr_html_(self) -> str:
