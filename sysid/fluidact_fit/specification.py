@@ -320,6 +320,8 @@ class UnmodelledEffect:
         Whether its size cannot be negative, as that of friction cannot.
     offered
         Whether an option has it estimated: of effects that look alike it is named first.
+    shaped
+        Whether it is a shape, of which none is quite even: it counts from a larger change on.
     """
 
     name: str
@@ -329,6 +331,7 @@ class UnmodelledEffect:
     unit: str = "1"
     positive: bool = False
     offered: bool = False
+    shaped: bool = False
     of: str = ""
 
 

@@ -280,8 +280,8 @@ def _family_effects(at: Optimum) -> Iterator[Term]:
             columns, directions = combined
         size_range = (0.0 if effect.positive else -np.inf, np.inf)
         yield Term(effect.name, unit, words, effect.remedy, columns, positive=effect.positive,
-                   size_range=size_range, offered=effect.offered,
-                   directions=directions)  # fmt: skip
+                   size_range=size_range, offered=effect.offered, directions=directions,
+                   min_share=policy.LEAST_BY_SHAPE if effect.shaped else policy.LEAST)  # fmt: skip
 
 
 def _combined_direction(

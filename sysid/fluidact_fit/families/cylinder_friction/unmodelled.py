@@ -29,7 +29,7 @@ def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffe
          "A spring, a hose, a cable or a slope: record what it takes, or take it off.", False),
     ):  # fmt: skip
         response = partial(_along_the_travel, plant, rubs)
-        yield UnmodelledEffect(name, words, remedy, response, axis.force_unit)
+        yield UnmodelledEffect(name, words, remedy, response, axis.force_unit, shaped=True)
 
 
 def _along_the_travel(
