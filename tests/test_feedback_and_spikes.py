@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
+import fluidact_fit as ff
 from fluidact_fit.assessment.residual_tests import find_feedback
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
@@ -100,6 +102,27 @@ def test_noise_of_a_ramp_is_no_feedback_of_a_map() -> None:
     missed = -noise + 0.1 * rng.standard_normal(2000)
     run = Simulation(experiment(exact + noise, missed), np.zeros(2000), missed)
     assert not find_feedback(VARIANT, solution(later=0, noisy=False), [run])[1]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.95])
+def test_feedback_is_warned_of_where_it_moves_a_parameter(memory: float) -> None:
+    """White noise comes back through a held command and biases nothing, a disturbance does."""
+    rng = np.random.default_rng(0)
+    step, rows, frequency, damping = 0.01, 3000, 10.0, 0.5
+    rates = np.array([[0.0, 1.0, 0.0], [-(frequency**2), -2.0 * damping * frequency, frequency**2]])
+    advance = expm(step * np.vstack((rates, np.zeros(3))))[:2]
+    place, disturbance = np.zeros(2), 0.0
+    time, command, outlet = step * np.arange(rows), np.empty(rows), np.empty(rows)
+    for k in range(rows):
+        disturbance = memory * disturbance + 0.05 * rng.standard_normal()
+        outlet[k] = place[0] + disturbance
+        command[k] = 1.5 * (0.5 * np.sign(np.sin(1.3 * time[k])) - outlet[k])
+        place = advance @ np.append(place, command[k])
+    found = ff.fit("valve", {"time": time, "command": command, "outlet": outlet})
+    entries = found.document.fit.details["cross_correlation"]
+    assert entries["command"]["input_follows_residual"] < 1e-5
+    codes = {n.code for n in found.document.warnings}
+    assert ("closed-loop" in codes) == (memory > 0.0)
 
 
 def test_a_sine_does_not_hide_a_spike_of_the_output() -> None:

@@ -87,7 +87,7 @@ def examine(
     if timed:
         if at is not None:
             add("intersample", find_other_holds(at, declared))
-        add("cross_correlation", find_feedback(variant, solution, fitted))
+        add("cross_correlation", find_feedback(variant, solution, fitted, at))
         add("residual_to_noise", (residual_to_noise(family, solution, fitted), []))
     if at is not None:
         outliers = _examine_derivatives(at, add)

@@ -1,4 +1,4 @@
-"""Tests that need residuals only: noise or model error, missed channels, feedback."""
+"""Tests that begin with residuals: noise or model error, missed channels, feedback."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.input_noise import with_noise
 from ..estimation.noise import noise_floor
+from ..estimation.solution import moved
 from ..estimation.uncertainty import fit_autoregression, innovations, whiteness
-from ..experiment import FloatArray, all_of, where_finite
+from ..experiment import Experiment, FloatArray, all_of, where_finite
 from ..family import Family, FamilyOptions, Solution, Variant
 from ..options import describe
 from ..outcome import Simulation, sum_of_squares
 from . import policy
+from .optimum import Optimum
 
 _LAGS = 10  # samples before and after, over which input and residual are correlated
 _ORDER = 20  # highest order of an autoregression of input or residual
@@ -152,6 +154,7 @@ def find_feedback(
     variant: Variant,
     solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
+    at: Optimum | None = None,
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Correlate the residual with the input before and after it, to find feedback.
 
@@ -160,6 +163,10 @@ def find_feedback(
     with the future of a predictable input (a chirp) as well, so feedback has to be the stronger of
     the two. Correlation within the sample is feedback where the model answers its input later.
     Noise of an input that the solution allows for is in the residual as well.
+
+    Feedback of white noise biases nothing, since an input answers earlier noise only, and that of
+    an encoder next to nothing: where the derivatives are known (``at``), a warning is given if it
+    moves a parameter noticeably.
 
     Returns
     -------
@@ -194,9 +201,53 @@ def find_feedback(
             "residual_follows_input": _significance(past / sqrt(count)),
             "input_follows_residual": _significance(future / sqrt(count)),
         }
-        if _is_feedback(future, past, count):
+        if _is_feedback(future, past, count) and (
+            at is None or moved_by_feedback(at.part, role) > policy.FEEDBACK_MOVES
+        ):
             notices.append(_feedback_notice(role, int(np.argmax(np.abs(future))) + first))
     return table, notices
+
+
+def moved_by_feedback(at: Optimum, role: str) -> float:
+    """Largest shift of a parameter by noise that came back through an input [standard errors].
+
+    With the input less what follows the residual as instrument: its derivatives ``Z`` are not
+    correlated with the noise, and the estimate would move by ``(Z'J)^-1 Z'e`` [1]_. Infinite where
+    the fit has instruments of its own, or several channels.
+
+    References
+    ----------
+    .. [1] T. Soderstrom, P. Stoica, "Instrumental variable methods for system identification",
+       Springer, 1983.
+    """
+    if at.instruments or len(at.roles) > 1:
+        return np.inf
+    runs = [_without_feedback(s, role) for s in at.fitted]
+    plain = at.change(runs)
+    steps = [at.change(runs, moved(at.plant, n, h)) for n, h in zip(at.names, at.std_errors)]
+    slopes = [np.column_stack(own) - p[:, None] for *own, p in zip(*steps, plain)]
+    level = [s.own_level for s in at.series]
+    z, j, e = (
+        np.concatenate([x - free * x.mean(axis=0) for x, free in zip(parts, level)])
+        for parts in (slopes, [j * at.std_errors for j in at.jacobians], at.residuals)
+    )
+    shift = np.linalg.lstsq(z.T @ j, z.T @ e)[0] - np.linalg.lstsq(j.T @ j, j.T @ e)[0]
+    return float(np.abs(shift).max())
+
+
+def _without_feedback(run: Simulation, role: str) -> Experiment:
+    """Return the run with an input less what of it follows the residual within some samples."""
+    if not _is_recorded(run, role):
+        return run.experiment
+    u, e = run.experiment[role], np.nan_to_num(np.asarray(run.residual))
+    a, _ = fit_autoregression([u - u.mean()], _ORDER)
+    e = e - e.mean()
+    rows = innovations(e, a)
+    later = np.column_stack(
+        [np.append(np.zeros(k), rows[: rows.size - k]) for k in range(_LAGS + 1)]
+    )
+    response = np.linalg.lstsq(later, innovations(u - u.mean(), a), rcond=None)[0]
+    return run.experiment.with_readings(role, u - np.convolve(e, response)[: e.size])
 
 
 def _is_feedback(future: FloatArray, past: FloatArray, count: int) -> bool:
