@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_simulator import SERVO, servo_log
 from studies.red_team.attacks import ball_screw as screw
 from studies.red_team.run import run, write
 
@@ -207,6 +208,32 @@ def test_a_noisy_drive_that_is_taken_for_held_is_searched_within_bounds() -> Non
         found = fit(log)
     assert budget.spent < 1500
     assert "command-noise" in {n.code for n in found.notices}
+
+
+def fast_servo(seed: int, loose: float = 0.0) -> dict[str, np.ndarray]:
+    """A controller at 500 Hz makes noise of the torque of every count of a coarse encoder.
+
+    The record of the torque has ``loose`` noise of its own [N m].
+    """
+    rng = np.random.default_rng(seed)
+    log = servo_log(rng, 1 + seed % 2, step=0.002, rows=1500, code=np.deg2rad(0.2))
+    loose_noise = loose * rng.standard_normal(1500)
+    return {**log, "torque [N m]": log["torque [N m]"] + loose_noise}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_went_through_a_controller_and_the_machine_is_no_fault(seed: int) -> None:
+    """All three were warned of, for feedback or for a noise that was in the torque indeed."""
+    found = ff.fit("ball-screw", fast_servo(seed))
+    assert found.verdict == "pass"
+    for name, true in SERVO.items():
+        q = found.parameters[name]
+        assert abs(q.number - true) < 4.0 * float(q.std_error), name
+
+
+def test_noise_of_the_record_beside_that_of_a_controller_is_warned_of() -> None:
+    found = ff.fit("ball-screw", fast_servo(0, loose=3e-5))
+    assert "command-noise" in {n.code for n in found.document.warnings}
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from zlib import crc32
 
 import numpy as np
@@ -19,6 +20,7 @@ from .model import Axis, DriveModel
 
 _FIRST, _DRAWS = 4, 48  # disturbances: the first show whether noise matters, all tell how much
 _MATTERS = 0.1  # of a standard error, by which the first disturbances have to move an estimate
+_ACTED = 1e-2  # of what noise of the record alone leaves: less says that it acted
 _WANDERS = 20  # rows over which white noise averages out, but not what a wrong break-away does
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
@@ -35,23 +37,15 @@ def with_drive_errors(
     residual wanders less than what is left of ``dy``, part of the noise was in the machine (such as
     rounding of a command), and the moves count for less.
     """
-    errors = [_errors(e.signals[axis.drive]) for e in experiments]
+    errors = [_errors(s, _measured_noise(s)) for s in (e.signals[axis.drive] for e in experiments)]
     if not any(e.any() for e in errors) or not fitted.names:
         return fitted
-    # logs of one bench are alike: what chance makes of some draws must not be the same for all
-    drives = [np.asarray(e.signals[axis.drive].values) for e in experiments]
-    rng = np.random.default_rng([seed, *(crc32(values.tobytes()) for values in drives)])
-    model = DriveModel(experiments, axis)
-    clean = model.compared_rows(fitted.values)
     jacobian = fitted.solution.jacobian
     plain = covariance(jacobian, fitted.solution.residuals, robust=False).covariance
     moves, left = list[FloatArray](), list[float]()
-    while len(moves) < _DRAWS:
-        noisy = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
-        shifts = [a - b for a, b in zip(noisy.compared_rows(fitted.values), clean)]
-        change = [shift - shift.mean() for shift in shifts]  # the offset of a run is free
-        moves.append(np.linalg.lstsq(np.vstack(jacobian), np.concatenate(change), rcond=1e-12)[0])
-        left.append(sum(_wander(c - j @ moves[-1]) for c, j in zip(change, jacobian)))
+    for move, wander in islice(_disturbances(fitted, axis, experiments, errors, seed), _DRAWS):
+        moves.append(move)
+        left.append(wander)
         added = np.transpose(moves) @ np.array(moves) / len(moves)
         if len(moves) == _FIRST and np.all(np.diag(added) < _MATTERS**2 * np.diag(plain)):
             return fitted
@@ -59,6 +53,25 @@ def with_drive_errors(
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     both = largest([fitted.covariance, plain + share * added])
     return replace(fitted, covariance=both)
+
+
+def _disturbances(
+    fitted: Fitted, axis: Axis, experiments: Sequence[Experiment], errors: Sequence[FloatArray],
+    seed: int,
+) -> Iterator[tuple[FloatArray, float]]:  # fmt: skip
+    """Moves of the estimate by random errors of the drive, and how much is left that wanders."""
+    # logs of one bench are alike: what chance makes of some draws must not be the same for all
+    drives = [np.asarray(e.signals[axis.drive].values) for e in experiments]
+    rng = np.random.default_rng([seed, *(crc32(values.tobytes()) for values in drives)])
+    model = DriveModel(experiments, axis)
+    clean = model.compared_rows(fitted.values)
+    jacobian = fitted.solution.jacobian
+    while True:
+        noisy = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
+        shifts = [a - b for a, b in zip(noisy.compared_rows(fitted.values), clean)]
+        change = [shift - shift.mean() for shift in shifts]  # the offset of a run is free
+        move = np.linalg.lstsq(np.vstack(jacobian), np.concatenate(change), rcond=1e-12)[0]
+        yield move, sum(_wander(c - j @ move) for c, j in zip(change, jacobian))
 
 
 def _wander(rows: FloatArray) -> float:
@@ -75,33 +88,50 @@ def _wander(rows: FloatArray) -> float:
     return max(float(np.sum(blocks.mean(axis=1) ** 2)) - white, 0.25 * white)
 
 
-def drive_notices(axis: Axis, experiments: Sequence[Experiment]) -> Iterator[Notice]:
-    """Warn of a drive that is taken for held and carries noise, which no command does.
+def drive_notices(
+    axis: Axis, experiments: Sequence[Experiment], fitted: Fitted | None, seed: int
+) -> list[Notice]:
+    """Warn of a drive that is taken for held and carries noise that did not act.
 
     A static level is then sought between values that never acted; the search cannot know by how
-    much it is off.
+    much it is off. Noise of an encoder that a controller has made part of its command did act: of
+    a fit of the position (``fitted``) the residual does not wander as without it.
     """
     drives = [e.signals[axis.drive] for e in experiments]
-    noise = max(map(_held_noise, drives))
-    if noise:
-        yield Notice(
+    noises = [_held_noise(s) for s in drives]
+    noise = max(noises)
+    if not noise:
+        return []
+    if fitted is not None and fitted.names:
+        errors = [_errors(s, own) for s, own in zip(drives, noises)]
+        draws = islice(_disturbances(fitted, axis, experiments, errors, seed), _FIRST)
+        left = float(np.mean([wander for _, wander in draws]))
+        if sum(map(_wander, fitted.solution.residuals)) < _ACTED * left:
+            return []
+    return [
+        Notice(
             "command-noise",
             f"'{axis.drive}' is taken for held between samples, as a command is, but carries "
             f"noise of {noise:.2g} {drives[0].unit} rms: the static levels may be off by many of "
             f"their standard errors. Log the command, or give --hold {axis.drive}=smooth if it "
             "was measured.",
         )
+    ]
 
 
-def _errors(signal: Signal) -> FloatArray:
+def _errors(signal: Signal, noise: float) -> FloatArray:
     """Standard deviations of a drive at its nodes, lost rows included [SI]."""
-    noise = 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
     lost = find_lost_rows(signal)
     time = signal.time if lost is None else np.concatenate((signal.time, lost.time))
     errors = np.full(time.size, noise)
     if lost is not None:
         errors[signal.time.size :] = np.hypot(noise, lost.error)
     return errors[np.argsort(time, kind="stable")]
+
+
+def _measured_noise(signal: Signal) -> float:
+    """Standard deviation of the noise of a drive that was measured [SI]; 0 of a command."""
+    return 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
 
 
 def _held_noise(signal: Signal) -> float:

@@ -132,6 +132,7 @@ def _finish(
     fitted = found.fitted
     if not beyond:  # otherwise residuals come from forces that the model lacks, and it is warned
         fitted = with_drive_errors(fitted, stage.axis, experiments, request.seed)
+    noisy = drive_notices(stage.axis, experiments, None if beyond else fitted, request.seed)
     fitted = as_written(fitted)
     solved = with_brackets(fitted, found.brackets)
     parameters, order, covariance = solved.quantities(
@@ -150,7 +151,7 @@ def _finish(
     notices = [
         *refusal_notices(variant, fitted.refused, stage.resting),
         *drift,
-        *drive_notices(stage.axis, experiments),
+        *noisy,
         *([unmodelled_forces_notice(SPEED in parameters)] if beyond else []),
         *(Notice("levels-or-offset", text) for text in unequal),
     ]
