@@ -20,13 +20,15 @@ _PLACES = 65  # between two samples that a turn is looked for at
 class Smoothed:
     """Value, first and second derivative at the kept samples.
 
-    ``inside`` marks the samples whose window lies within the record.
+    ``inside`` marks the samples whose window lies within the record, ``gain`` is the noise of the
+    first derivative per white noise of the values [1/s].
     """
 
     value: FloatArray
     rate: FloatArray
     curvature: FloatArray
     inside: npt.NDArray[np.bool_]
+    gain: float
 
 
 def polynomial_taps(half_width: int, degree: int) -> FloatArray:
@@ -65,7 +67,10 @@ def smooth(values: FloatArray, sample_time: float, half_width: int, degree: int 
     inside[:half_width] = False
     inside[values.size - half_width :] = False
     curvature = rows[2] if degree >= 2 else np.zeros(values.size)
-    return Smoothed(rows[0], rows[1] / sample_time, 2.0 * curvature / sample_time**2, inside)
+    return Smoothed(
+        rows[0], rows[1] / sample_time, 2.0 * curvature / sample_time**2, inside,
+        float(np.linalg.norm(kernel[1])) / sample_time,
+    )  # fmt: skip
 
 
 def rise_and_fall(values: FloatArray) -> tuple[float, float]:

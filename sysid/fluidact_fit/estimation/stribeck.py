@@ -41,14 +41,10 @@ FRICTION_STRUCTURES = (
 )
 
 
-def stribeck_choice() -> Any:
-    """The option ``--stribeck`` of a family."""
-    return choice(
-        "none",
-        ("none", "estimate"),
-        "whether to estimate how friction rises at low speed",
-        "stribeck",
-    )
+def stribeck_choice(frees: str = "stribeck") -> Any:
+    """The option ``--stribeck`` of a family; ``frees`` is empty where no fit is tested for it."""
+    words = "whether to estimate how friction rises at low speed"
+    return choice("none", ("none", "estimate"), words, frees)
 
 
 def stribeck_specs(force_unit: str, speed_unit: str) -> tuple[ParameterSpec, ...]:

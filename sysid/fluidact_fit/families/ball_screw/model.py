@@ -15,6 +15,7 @@ from ...estimation.budget import simulated
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
+from ...estimation.stribeck import stribeck_choice
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Variant
 from ...mechanics.motion import Motion, StickSlip
@@ -39,9 +40,7 @@ class BallScrewOptions(FamilyOptions):
     )
     # The score test of a missing response does not offer it (``frees``): near zero the motion is
     # not linear in the speed of the curve. The warning of forces beyond the model names it.
-    stribeck: str = choice(
-        "none", ("none", "estimate"), "whether to estimate how friction rises at low speed"
-    )
+    stribeck: str = stribeck_choice(frees="")
     compared: str | None = settled(
         "choice", "whether speed and acceleration were compared beside the position",
         choices=("position", "derivatives"),

@@ -16,7 +16,7 @@ from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import NoiseLevel
 from ...specification import Variant
 from .equation import LEVELS, SpringLaw
-from .instruments import REACH, Instrument, find_instruments, find_motion
+from .instruments import REACH, Instrument, find_instruments, find_motion, mean_around
 from .options import SpringOptions
 
 EQUAL = "coulomb_mean"  # stands for both levels where they are taken to be equal
@@ -173,21 +173,13 @@ def _prepare_run(
         noise = 0.0  # rounding
     # where the rod itself turns, the nearest velocities are of both directions
     beside = REACH + 1 if turns_itself else 0
-    away = _away_from_reversals(
-        _without_itself(moves) if noise else moves, noise, direction, options.settle, beside
-    )
+    if noise:  # to choose samples by their own noise would bias the fit
+        moves = mean_around(moves, REACH)
+    away = _away_from_reversals(moves, noise, direction, options.settle, beside)
     kept = (direction != 0.0) & motion.inside & away
     if turns_itself:  # and came back within the dead band
         kept &= direction * motion.rate >= 0.0
     return Run(e, drive, position, motion.rate, direction, force, kept, found)
-
-
-def _without_itself(values: FloatArray) -> FloatArray:
-    """Mean of the samples around each: to choose samples by their own noise would bias the fit."""
-    kernel = np.ones(2 * REACH + 1)
-    kernel[REACH] = 0.0
-    total = np.convolve(values, kernel, mode="same")
-    return np.asarray(total / np.convolve(np.ones(values.size), kernel, mode="same"))
 
 
 def _away_from_reversals(

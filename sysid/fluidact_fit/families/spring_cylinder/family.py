@@ -6,7 +6,7 @@ Linear in all parameters but the Stribeck speed: one regression, robust against 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -138,11 +138,12 @@ class SpringCylinder(Family[SpringOptions]):
             derived = solved.derive({"hysteresis_width": "N"}, lambda v: self.derived(v, options))
         settled = replace(options, spike=found.limit)
         noisy = input_noise(variant, runs) if found.instrumented else {}
-        stand_in = _Nearby(runs, settled, True) if found.instrumented else None
+        nearby = partial(_simulate_nearby, runs, settled)
+        stand_in = partial(nearby, instruments=True) if found.instrumented else None
         noise = NoiseModel(matrix, solved.independent, noisy, simulate_instruments=stand_in)
         return make_solution(
             self.simulate, experiments, variant, settled, parameters, order, noise,
-            simulate_near=_Nearby(runs, settled), derived=derived,
+            simulate_near=nearby, derived=derived,
             notices=[*fit.notices, *_notices(fit, runs, variant)], covered=_covered(runs),
             details=_details(fit, runs, options.settle),
         )  # fmt: skip
@@ -244,25 +245,19 @@ def _covered(runs: Sequence[Run]) -> dict[str, tuple[float, float, str]]:
     return {"velocity": (float(v.min()), float(v.max()), "m/s")}
 
 
-@dataclass(frozen=True)
-class _Nearby:
-    """The force of the runs that were fitted, without preparing them again.
+def _simulate_nearby(
+    fitted: Sequence[Run], options: SpringOptions, plant: Plant[SpringOptions],
+    experiments: Sequence[Experiment], instruments: bool = False,
+) -> list[Simulated]:  # fmt: skip
+    """The force of the runs that were ``fitted``, without preparing them again.
 
     With ``instruments`` in place of noisy columns; see :attr:`.NoiseModel.instruments`.
     """
-
-    runs: Sequence[Run]
-    options: SpringOptions
-    instruments: bool = False
-
-    def __call__(
-        self, plant: Plant[SpringOptions], experiments: Sequence[Experiment]
-    ) -> list[Simulated]:
-        known = {id(d.experiment): d for d in self.runs}
-        runs = [known[id(e)] for e in experiments if id(e) in known]
-        if len(runs) < len(experiments) or plant.options != self.options:
-            runs, _ = prepare(plant.variant, experiments, plant.options)
-        return _simulate(plant, [d.instrumented for d in runs] if self.instruments else runs)
+    known = {id(d.experiment): d for d in fitted}
+    runs = [known[id(e)] for e in experiments if id(e) in known]
+    if len(runs) < len(experiments) or plant.options != options:
+        runs, _ = prepare(plant.variant, experiments, plant.options)
+    return _simulate(plant, [d.instrumented for d in runs] if instruments else runs)
 
 
 _EQUAL = (

@@ -62,24 +62,16 @@ def differentiate(position: FloatArray, sample_time: float) -> RodMotion:
     """
     slope = _slope_around(position)
     sigma = white_noise(position)
-    shortest = _smoothed(position, sample_time, 2)
+    shortest = best = smooth(position, sample_time, 2, _DEGREE)
     for half in range(REACH, 2, -1):
-        now = _smoothed(position, sample_time, half)
+        now = smooth(position, sample_time, half, _DEGREE)
         z = slope * now.inside
         lost = float(z @ (shortest.rate - now.rate))
         size, known = abs(float(z @ now.rate)), sigma * shortest.gain * float(np.linalg.norm(z))
         if abs(lost) <= max(_FLATTENED * size, known):
-            return now
-    return shortest
-
-
-def _smoothed(position: FloatArray, sample_time: float, half: int) -> RodMotion:
-    """Velocity by a window of ``2 half + 1`` samples."""
-    found = smooth(position, sample_time, half, _DEGREE)
-    unit = np.zeros(4 * half + 1)
-    unit[2 * half] = 1.0
-    gain = float(np.linalg.norm(smooth(unit, sample_time, half, _DEGREE).rate))
-    return RodMotion(found.rate, found.inside, gain)
+            best = now
+            break
+    return RodMotion(best.rate, best.inside, best.gain)
 
 
 def find_instruments(
@@ -91,7 +83,7 @@ def find_instruments(
     out = {}
     for name, values in (("drive", drive), ("position", position), ("velocity", motion.rate)):
         if (name != "velocity" or "velocity" in e) and (sigma := white_noise(values)):
-            out[name] = Instrument(_mean_of_neighbours(values), sigma)
+            out[name] = Instrument(mean_around(values, 1), sigma)
     if "position" in out and "velocity" not in e:
         slope = _slope_around(position)
         size = float(np.sum(slope[motion.inside] ** 2)) or 1.0
@@ -100,10 +92,12 @@ def find_instruments(
     return out
 
 
-def _mean_of_neighbours(values: FloatArray) -> FloatArray:
-    """Mean of the samples before and after each, shape ``(n,)``; at the ends the only one."""
-    padded = np.concatenate((values[1:2], values, values[-2:-1]))
-    return np.asarray(0.5 * (padded[:-2] + padded[2:]))
+def mean_around(values: FloatArray, reach: int) -> FloatArray:
+    """Mean of up to ``reach`` samples on either side of each without itself, shape ``(n,)``."""
+    kernel = np.ones(2 * reach + 1)
+    kernel[reach] = 0.0
+    total = np.convolve(values, kernel, mode="same")
+    return np.asarray(total / np.convolve(np.ones(values.size), kernel, mode="same"))
 
 
 def _slope_around(position: FloatArray) -> FloatArray:
