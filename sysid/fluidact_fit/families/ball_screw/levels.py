@@ -152,11 +152,9 @@ class _Profile:
         stage = replace(
             self.stage, names=tuple(values), start=values, fixed=fixed, refusals=()
         )  # fmt: skip
-        problem = stage.problem(self.compared)
-        found = stage.solve(problem, max_iterations=iterations, tolerance=0.05)
-        now = {**values, **problem.named(found.eta)}
+        found, ended = stage.solve(self.compared, iterations)
         independent = sum(map(_independent, found.residuals))
-        return _Refitted(found.cost, now, np.vstack(found.jacobian), independent)
+        return _Refitted(found.cost, dict(ended.start), np.vstack(found.jacobian), independent)
 
     def _errors(self, values: Mapping[str, float]) -> FloatArray:
         """Errors of all runs, the offset of the position of every run taken out."""

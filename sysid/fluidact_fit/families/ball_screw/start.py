@@ -13,7 +13,7 @@ from ...estimation.least_squares import lengths, project_out, scaled_least_squar
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.named_model import bind, make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.problem import Problem, StationaryPoint, Unknown
+from ...estimation.problem import StationaryPoint, Unknown
 from ...estimation.results import Refusal, held_by
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
@@ -118,17 +118,16 @@ class Stage:
         """The stage with parameters refused."""
         return replace(self, refusals=(*self.refusals, *refusals))
 
-    def problem(
-        self, compared: Compared | None = None, weights: Sequence[FloatArray] = ()
-    ) -> Problem:
-        """The solver's problem of everything that is not held."""
+    def solve(
+        self, compared: Compared, max_iterations: int, *, tolerance: float = 0.05,
+        weights: Sequence[FloatArray] = (),
+    ) -> tuple[StationaryPoint, Stage]:  # fmt: skip
+        """Fit everything that is not held from where the search now is; the stage where it ends."""
         model = DriveModel(self.experiments, self.axis, compared)
-        return bind(model.named(self.names, weights), self.unknowns, self.held)
-
-    def solve(self, problem: Problem, max_iterations: int, tolerance: float) -> StationaryPoint:
-        """Solve a problem from where the search now is."""
+        problem = bind(model.named(self.names, weights), self.unknowns, self.held)
         eta = problem.vector(self.start)
-        return solve(problem, eta, max_iterations=max_iterations, tolerance=tolerance)
+        found = solve(problem, eta, max_iterations=max_iterations, tolerance=tolerance)
+        return found, self.at(problem.named(found.eta))
 
 
 def first_stage(

@@ -51,13 +51,12 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
     }
     begin = {**stage.start, **{n: max(x, stage.start[n]) for n, x in least.items()}}
     speeds = [request.start[SPEED]] if SPEED in request.start else [r * top for r in _GRID]
-    best, start = np.inf, begin
+    best, start = np.inf, stage.start
     for speed in speeds:
-        first = {**begin, SPEED: float(np.clip(speed, low, high))}
-        problem = searched.problem(increments(part, axis))
-        found = replace(searched, start=first).solve(problem, max_iterations=6, tolerance=0.05)
+        first = searched.at({**begin, SPEED: float(np.clip(speed, low, high))})
+        found, ended = first.solve(increments(part, axis), max_iterations=6)
         if found.cost < best:
-            best, start = found.cost, {**first, **problem.named(found.eta)}
+            best, start = found.cost, ended.start
     return replace(stage, names=names, unknowns=unknowns, start=start)
 
 

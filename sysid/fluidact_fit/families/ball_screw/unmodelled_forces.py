@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.separable import solve
 from ...experiment import FloatArray
 from .model import Compared
 from .start import Stage
@@ -24,12 +22,10 @@ def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
     All parameters but those held are fitted. While the ratio is near one, comparing the position
     alone is efficient. Far above, the residual comes from forces that the model does not know.
     """
-    problem = stage.problem()
-    found = stage.solve(problem, max_iterations=10, tolerance=0.05)
+    found, ended = stage.solve(Compared(), max_iterations=10)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
     noise = stage.noise
-    moved = replace(stage, start={**stage.start, **problem.named(found.eta)})
-    return float(residual / noise) if noise > 0.0 else np.inf, moved
+    return float(residual / noise) if noise > 0.0 else np.inf, ended
 
 
 def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
@@ -48,12 +44,11 @@ def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
     compared = Compared((0, 1, 2), int(np.clip(coasting / (8.0 * step), 2, longest)))
     parts = [compared.channels(e.samples) for e in runs]
     weights: list[FloatArray] = []
-    now = stage.solve(stage.problem(compared), max_iterations=0, tolerance=0.0)
+    now, ended = stage.solve(compared, max_iterations=0, tolerance=0.0)
     for _ in range(_BALANCED):
         plain = [r / w for r, w in zip(now.residuals, weights)] if weights else now.residuals
         weights = _balance(plain, parts)
-        problem = stage.problem(compared, weights)
-        now = solve(problem, now.eta, max_iterations=15, tolerance=0.02)
+        now, ended = ended.solve(compared, 15, tolerance=0.02, weights=weights)
     return compared, weights
 
 
