@@ -98,7 +98,7 @@ FEEDBACK_BY_NOISE = Threshold(
     0.7, "correlation within the sample that noise of an input never causes",
     "tests/test_feedback_and_spikes.py: a regulator")
 FEEDBACK_MOVES = Threshold(
-    1.0, "standard errors by which noise that came back has to move a parameter",
+    0.5, "standard errors by which noise that came back has to move a parameter",
     "tests/test_feedback_and_spikes.py; tests/families/test_ball_screw_records.py: a controller")
 INDEPENDENT = Threshold(
     results.FEW_INDEPENDENT,
