@@ -213,7 +213,7 @@ def moved_by_feedback(at: Optimum, role: str) -> float:
 
     With the input less what follows the residual as instrument: its derivatives ``Z`` are not
     correlated with the noise, and the estimate would move by ``(Z'J)^-1 Z'e`` [1]_. Infinite where
-    the fit has instruments of its own, or several channels.
+    the fit has instruments of its own or several channels, or cannot be simulated without it.
 
     References
     ----------
@@ -231,8 +231,10 @@ def moved_by_feedback(at: Optimum, role: str) -> float:
         np.concatenate([x - free * x.mean(axis=0) for x, free in zip(parts, level)])
         for parts in (slopes, [j * at.std_errors for j in at.jacobians], at.residuals)
     )
-    shift = np.linalg.lstsq(z.T @ j, z.T @ e)[0] - np.linalg.lstsq(j.T @ j, j.T @ e)[0]
-    return float(np.abs(shift).max())
+    if not np.all(np.isfinite(z)):
+        return np.inf
+    instrumental, least_squares = (np.linalg.lstsq(x.T @ j, x.T @ e, rcond=None)[0] for x in (z, j))
+    return float(np.abs(instrumental - least_squares).max())
 
 
 def _without_feedback(run: Simulation, role: str) -> Experiment:
