@@ -35,6 +35,14 @@ def test_two_lags_are_recovered(lags: tuple[float, float]) -> None:
     assert gain == pytest.approx(np.sqrt(0.5), rel=0.02)
 
 
+def test_an_outlet_that_never_moves_is_refused() -> None:
+    """Whether a run was cut was judged by the logarithm of the power of its outlet."""
+    inlet = np.repeat(np.random.default_rng(1).uniform(1e5, 3e5, 20), 100)
+    log = {"time": 0.01 * np.arange(2000), "inlet": inlet, "outlet": np.full(2000, 2.5e5)}
+    with pytest.raises(ff.NotIdentifiedError, match="outlet is always"):
+        ff.fit("line", log)
+
+
 def test_a_missed_order_is_named_with_its_option() -> None:
     result = ff.fit("line", logs((0.12, 0.05)), hold=HELD)
     (said,) = [n.message for n in result.notices if n.code == "unmodelled-response"]

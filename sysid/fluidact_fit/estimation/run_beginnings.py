@@ -110,13 +110,15 @@ def cut_unrecorded(
     if all(b == begin for b in begins):
         return begin, places
     rows = sum(e[task.output].size for e in few)
+    least = np.finfo(float).tiny  # of an output that never moves
     power = sum(e[task.output].size * float(np.var(e[task.output])) for e in few) / rows
     found = []
     for place, own in zip(places, begins):
         problem = task.problem(few, own)
         best = solve(problem, problem.vector(place), tolerance=1e-2)
         left = rows - problem.rows
-        length = problem.rows * np.log(best.cost / problem.rows) + left * np.log(power)
+        length = problem.rows * np.log(max(best.cost / problem.rows, least))
+        length += left * np.log(max(power, least))
         found.append((length, own, task.values(problem, best.eta)))
     found.sort(key=lambda x: x[0])
     begin = found[0][1]
