@@ -118,7 +118,7 @@ def fit_ball_screw(
     ::
 
         inertia * angle'' = torque - viscous * angle' - friction(direction), stuck below breakaway;
-        friction = coulomb + (breakaway - coulomb) * exp(-(angle' / stribeck_speed)^2)
+        friction = coulomb (+ (breakaway - coulomb) * exp(-angle'^2 / stribeck_speed^2))
 
     Roles (rotary): ``time`` [s], ``torque`` [N m], ``angle`` [rad].
 
@@ -403,8 +403,8 @@ def fit_cylinder_friction(
     ::
 
         force - (area * pressure - area_2 * pressure_2) - mass * acceleration = coulomb_positive [v
-        > 0] - coulomb_negative [v < 0] + viscous * v + sign(v) * stribeck * exp(-(v /
-        stribeck_speed)^2), v the velocity; without a force, area * pressure - area_2 * pressure_2
+        > 0] - coulomb_negative [v < 0] + viscous * v (+ sign(v) * stribeck * exp(-v^2 /
+        stribeck_speed^2)), v the velocity; without a force, area * pressure - area_2 * pressure_2
         drives, and with --pressures=drive against the force of a load; torque, inertia and angular
         velocity of a shaft alike
 
@@ -611,8 +611,8 @@ def fit_spring_cylinder(
     ::
 
         force = pressure_gain * command (or area * pressure) - stiffness * position - preload -
-        coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity - direction *
-        stribeck * exp(-(velocity / stribeck_speed)^2)
+        coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity (- direction
+        * stribeck * exp(-velocity^2 / stribeck_speed^2))
 
     Roles (command): ``time`` [s] (optional), ``command`` [V or A or 1], ``position`` [m], ``force``
     [N], ``velocity`` [m/s] (optional), ``direction`` [1] (optional).
@@ -697,8 +697,8 @@ def fit_hydraulic_cylinder(
 
     ::
 
-        mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y') - sgn(y') * stribeck *
-        exp(-(y' / stribeck_speed)^2); p' = +-bulk_modulus / volume (Q - area y'); Q = valve_gain u
+        mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y') (- sgn(y') * stribeck *
+        exp(-y'^2 / stribeck_speed^2)); p' = +-bulk_modulus / volume (Q - area y'); Q = valve_gain u
         sqrt(drop - line_loss |Q|)
 
     Roles: ``time`` [s], ``command`` [V], ``pressure_1`` [Pa] (optional), ``pressure_2`` [Pa]

@@ -51,6 +51,14 @@ def test_parts_of_absent_parameters_are_left_out() -> None:
     assert read(typeset(text, {"late", "stiffness", "other"})) == "y=as+b"
 
 
+@pytest.mark.parametrize("text", [e for e in EQUATIONS if "stribeck_speed" in e])
+def test_a_rise_of_friction_that_was_not_fitted_is_left_out(text: str) -> None:
+    html = typeset(text, {"stribeck", "stribeck_speed"})
+    assert "<math" in html
+    assert "stribeck" not in html
+    assert "exp" not in html
+
+
 @pytest.mark.parametrize("text", ["y = (a", "y = a)", "y = <b>&x", "= ", "y = $x", "a ^ = b"])
 def test_what_is_no_equation_stays_as_it_is_typed(text: str) -> None:
     html = typeset(text)

@@ -105,8 +105,8 @@ def _variant(
 def _equation(axis: Axis) -> str:
     return (
         f"{axis.inertia} * {axis.motion}'' = {axis.drive} - viscous * {axis.motion}' - "
-        "friction(direction), stuck below breakaway; friction = coulomb + (breakaway - coulomb) * "
-        f"exp(-({axis.motion}' / stribeck_speed)^2)"
+        "friction(direction), stuck below breakaway; friction = coulomb (+ (breakaway - coulomb) * "
+        f"exp(-{axis.motion}'^2 / stribeck_speed^2))"
     )
 
 

@@ -136,7 +136,7 @@ def _equation(axis: Axis, driven: str) -> str:
     return (
         f"{driven} - {axis.inertia} * acceleration = "
         "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
-        f"+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2), v the {axis.speed_words}"
+        f"(+ sign(v) * stribeck * exp(-v^2 / stribeck_speed^2)), v the {axis.speed_words}"
     )
 
 

@@ -133,7 +133,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     title = "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction"
     equation = (
         "mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y') "
-        "- sgn(y') * stribeck * exp(-(y' / stribeck_speed)^2); "
+        "(- sgn(y') * stribeck * exp(-y'^2 / stribeck_speed^2)); "
         "p' = +-bulk_modulus / volume (Q - area y'); Q = valve_gain u sqrt(drop - line_loss |Q|)"
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)

@@ -87,7 +87,7 @@ class SpringCylinder(Family[SpringOptions]):
     equation = (
         "force = pressure_gain * command (or area * pressure) - stiffness * position - preload "
         "- coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity "
-        "- direction * stribeck * exp(-(velocity / stribeck_speed)^2)"
+        "(- direction * stribeck * exp(-velocity^2 / stribeck_speed^2))"
     )
     variants = (
         _make_variant(
