@@ -64,6 +64,17 @@ def test_what_has_changed_is_run_again(changed: str, tmp_path: Path) -> None:
     assert _ran(tmp_path) == expected
 
 
+def test_a_file_written_by_a_process_that_died_is_replaced_unless_it_is_somebody_elses(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "j1.yaml").touch()
+    outcomes = _run(_jobs(("late",), ("slow",)), tmp_path)
+    assert [o.exit for o in outcomes] == [0, 2]
+    assert _ran(tmp_path).count("j0") == 2
+    assert not (tmp_path / "out" / "j1.yaml").read_text()
+
+
 def test_a_job_that_ends_its_process_costs_itself_alone(tmp_path: Path) -> None:
     jobs = _jobs(*[("slow",)] * 6, ("die",), *[("slow",)] * 6)
     outcomes = _run(jobs, tmp_path)

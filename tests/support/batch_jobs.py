@@ -19,6 +19,9 @@ def note(task: Task) -> JobResult:
         os.kill(os.getpid(), signal.SIGKILL)
     if "idle" in task.words:  # the process dies when it has nothing to do
         threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    if "late" in task.words and Path(task.folder, "ran.txt").read_text().count(task.job) == 1:
+        Path(task.output).write_text(task.key, encoding="utf-8")  # and dies before it says so
+        os.kill(os.getpid(), signal.SIGKILL)
     if "slow" in task.words:
         time.sleep(0.05)
     failed = 4 if "refuse" in task.words else 0

@@ -51,6 +51,8 @@ class Task:
         Why it must not run; empty where it may.
     replace
         Whether files that are there may be replaced: they are of this batch.
+    claimed
+        Whether its files are the batch's: what an attempt wrote whose process died is replaced.
     """
 
     job: str
@@ -63,6 +65,7 @@ class Task:
     replace_any: bool = False
     refusal: str = ""
     replace: bool = False
+    claimed: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:
