@@ -321,7 +321,8 @@ class UnmodelledEffect:
     offered
         Whether an option has it estimated: of effects that look alike it is named first.
     shaped
-        Whether it is a shape, of which none is quite even: it counts from a larger change on.
+        Whether it describes a shape. No machine is perfectly even, so that small changes of a
+        parameter do not count.
     """
 
     name: str

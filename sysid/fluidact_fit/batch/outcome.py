@@ -52,7 +52,8 @@ class Task:
     replace
         Whether files that are there may be replaced: they are of this batch.
     claimed
-        Whether its files are the batch's: what an attempt wrote whose process died is replaced.
+        Whether its files belong to the batch: a file left by an attempt whose process died may be
+        replaced.
     """
 
     job: str

@@ -186,8 +186,7 @@ def forced_response(
         if on_nodes:
             out[pieces] = state @ c
             continue
-        for at in _answers(instants, pieces, dead_time, grid):
-            piece, passed, which = _last_nodes(instants, at, pieces, dead_time, grid)
+        for at, piece, passed, which in _acting(instants, pieces, dead_time, grid):
             moved = passed + shift if shift else passed
             phi, gamma = _scaled_transition(a, b, moved, u.coefficients.shape[1] - 1)
             row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
@@ -202,49 +201,38 @@ def forced_response(
     return out
 
 
-def _side(dead_time: complex) -> float:
-    """What an instant may miss a node by and be on it [median steps].
-
-    An instant on a node belongs to either piece, but only the earlier one gives the slope for a
-    longer dead time: at zero there is no other direction.
-    """
-    return -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
-
-
-def _answers(
+def _acting(
     instants: FloatArray, pieces: slice, dead_time: complex, grid: Grid
-) -> Iterator[slice]:
-    """Instants that answer to some pieces of the input, in blocks."""
-    late, side, unit = np.real(dead_time), _side(dead_time), grid.unit
-    if instants is grid.instants and grid.distinct.size == 1:
-        back = ceil(late / unit - side)
+) -> Iterator[tuple[slice, npt.NDArray[np.intp], FloatArray, npt.NDArray[np.integer[Any]]]]:
+    """Yield the instants at which some pieces of the input act, in blocks.
+
+    With each block come the piece that acts at each instant, ``(k,)``, how long pieces have acted
+    [s], grouped, and the group of each instant, ``(k,)``.
+    """
+    late, unit, nodes = np.real(dead_time), grid.unit, grid.instants
+    # An instant on a node belongs to either piece, but only the earlier one gives the slope for a
+    # longer dead time: at zero there is no other direction.
+    side = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+    even, back = instants is nodes and grid.distinct.size == 1, ceil(late / unit - side)
+    if even:
         begin, end = (min(k + back, instants.size) for k in (pieces.start, pieces.stop))
     else:
-        ends = [pieces.start, min(pieces.stop, grid.instants.size - 1)]
-        begin, end = np.searchsorted(instants, grid.instants[ends] + (late - side * unit))
-    if pieces.stop == grid.instants.size:
+        ends = [pieces.start, min(pieces.stop, nodes.size - 1)]
+        begin, end = np.searchsorted(instants, nodes[ends] + (late - side * unit))
+    if pieces.stop == nodes.size:  # the last piece acts for ever
         end = instants.size
-    if begin < end:
-        for at in blocks(end - begin):
-            yield slice(begin + at.start, begin + at.stop)
-
-
-def _last_nodes(
-    instants: FloatArray, at: slice, pieces: slice, dead_time: complex, grid: Grid
-) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.integer[Any]]]:
-    """Last nodes that act at a block of instants, ``(k,)``, and how long they have acted then.
-
-    They are among those of ``pieces``. The times that have passed [s] are grouped; each instant
-    has one of them.
-    """
-    late, side, unit = np.real(dead_time), _side(dead_time), grid.unit
-    if instants is grid.instants and grid.distinct.size == 1:
-        back = ceil(late / unit - side)
-        piece = np.arange(at.start, at.stop) - back
-        return piece, np.array([max(back * unit - late, 0.0)]), np.zeros_like(piece)
-    real, nodes = instants[at] - late, grid.instants[pieces]
-    piece = np.maximum(np.searchsorted(nodes, real + side * unit, side="right") - 1, 0)
-    return pieces.start + piece, *group(np.maximum(real - nodes[piece], 0.0), unit)
+    if begin >= end:
+        return
+    for block in blocks(end - begin):
+        at = slice(begin + block.start, begin + block.stop)
+        if even:
+            piece = np.arange(at.start, at.stop) - back
+            yield at, piece, np.array([max(back * unit - late, 0.0)]), np.zeros_like(piece)
+        else:
+            real = instants[at] - late
+            last = np.searchsorted(nodes[pieces], real + side * unit, side="right") - 1
+            piece = pieces.start + np.maximum(last, 0)
+            yield at, piece, *group(np.maximum(real - nodes[piece], 0.0), unit)
 
 
 def _states_at_nodes(

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, FloatArray
-from ..rows import blocks, side_by_side
+from ..rows import side_by_side
 from ..specification import STEP
 from .budget import simulated
 from .whitening import Whitening
@@ -57,17 +57,11 @@ class Basis:
 
     def change(self, shared: FloatArray, local: FloatArray) -> FloatArray:
         """Imaginary part of `combined`, shape ``(n,)``; a column without one is not touched."""
-        out = np.empty(self.known.shape[0])
-        moved = [
-            (column, size)
-            for columns, sizes in ((self.shared, shared), (self.local, local))
-            if np.iscomplexobj(columns)
-            for column, size in zip(columns.T, sizes, strict=True)
-        ]
-        for at in blocks(out.size):  # a long record has no room for more columns
-            out[at] = np.imag(self.known[at])
-            for column, size in moved:
-                out[at] += np.imag(column[at]) * size
+        out = np.array(np.imag(self.known))
+        for columns, sizes in ((self.shared, shared), (self.local, local)):
+            if np.iscomplexobj(columns):
+                for column, size in zip(columns.T, sizes, strict=True):
+                    out += np.imag(column) * size
         return out
 
 

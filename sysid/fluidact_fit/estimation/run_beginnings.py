@@ -110,7 +110,7 @@ def cut_unrecorded(
     if all(b == begin for b in begins):
         return begin, places
     rows = sum(e[task.output].size for e in few)
-    least = np.finfo(float).tiny  # of an output that never moves
+    least = np.finfo(float).tiny  # power of an output that never moves
     power = sum(e[task.output].size * float(np.var(e[task.output])) for e in few) / rows
     found = []
     for place, own in zip(places, begins):

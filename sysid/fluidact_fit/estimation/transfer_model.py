@@ -117,7 +117,7 @@ class TransferModel:
         self.several = several if begin.offset == "log" else []
         self.prepared = [self._prepare(e, drive) for e in experiments]
         self.measured = [e[output][p.unseen :] for e, p in zip(recorded, self.prepared)]
-        self._free: dict[int, tuple[bytes, Array]] = {}  # with what they were computed of
+        self._free: dict[int, tuple[bytes, Array]] = {}  # by run, with its matrices
 
     def level(self, signal: Signal) -> float:
         """Level of an input from which the response departs [its unit]."""

@@ -13,7 +13,7 @@ from .axis import axis_of, is_place, motion_role
 from .options import FrictionOptions
 from .samples import prepare
 
-_PLACES = 9  # between which a force along the stroke follows straight lines
+_PLACES = 9  # along the travel, between which a force changes linearly
 
 
 def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffect]:
@@ -35,7 +35,10 @@ def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffe
 def _along_the_travel(
     plant: Plant[FrictionOptions], rubs: bool, experiments: Sequence[Experiment], _: Simulate
 ) -> list[dict[str, FloatArray]]:
-    """Output per force at each of some places, against the motion or not, ``(n, places)``."""
+    """Derivatives of the output by a force at each place, ``(n, places)``.
+
+    The force opposes the motion where it ``rubs``.
+    """
     role, output = motion_role(plant.variant), plant.variant.output.name
     data, _options = prepare(plant.variant, experiments, plant.options)
     ends = [f(e[role]) for e in experiments for f in (np.min, np.max)]
