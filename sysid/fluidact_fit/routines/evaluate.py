@@ -74,7 +74,8 @@ class Machine:
 
     def __init__(self, routine: Routine, arithmetic: Arithmetic = DOUBLE) -> None:
         self.routine, self.arithmetic = routine, arithmetic
-        self._formulas: dict[int, Formula] = {}  # of the routine's expressions, by identity
+        # by identity of an expression, which is kept so that no other one can have the same
+        self._formulas: dict[int, tuple[Expression, Formula]] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -136,8 +137,8 @@ class Machine:
 
     def _value(self, e: Expression, names: Mapping[str, Any]) -> Any:
         if id(e) not in self._formulas:
-            self._formulas[id(e)] = compiled(e, self.arithmetic)
-        return self._formulas[id(e)](names)
+            self._formulas[id(e)] = e, compiled(e, self.arithmetic)
+        return self._formulas[id(e)][1](names)
 
     def _run(self, s: Statement, names: dict[str, Any]) -> None:
         match s:
