@@ -26,7 +26,7 @@ def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffe
          "A bent rod, a worn seal or a tight bearing: fit parts of the travel by themselves "
          "(--window, --exclude).", True),
         ("load along the travel", "a load varies along the travel",
-         "A spring, a hose, a cable or a slope: record what it takes, or take it off.", False),
+         "A spring, a hose, a cable or a slope: record its force, or remove it.", False),
     ):  # fmt: skip
         response = partial(_along_the_travel, plant, rubs)
         yield UnmodelledEffect(name, words, remedy, response, axis.force_unit, shaped=True)
