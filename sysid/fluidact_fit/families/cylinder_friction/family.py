@@ -182,8 +182,9 @@ class CylinderFriction(Family[FrictionOptions]):
         left_out = {cause: a - b for cause, a, b in zip(causes, kept, kept[1:])}
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         noise = NoiseModel(matrix, fit.solved.independent)
+        simulate = partial(simulate_force, known=[d.motion for d in data])
         return make_solution(
-            self.simulate, experiments, variant, fit.options, parameters, order, noise,
+            simulate, experiments, variant, fit.options, parameters, order, noise,
             derived=fit.derived(), notices=notices, covered=fit.covered,
             details=fit_details(fit, left_out),
         )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import islice
 
 import numpy as np
@@ -38,6 +39,8 @@ class FilteredMotion:
 
     Attributes
     ----------
+    experiment, role
+        The run, and the signal of its motion.
     velocity
         Filtered; it gives the direction of a sample and is the instrument of the regression. Each
         sample's own reading is left out of it where a velocity was measured.
@@ -52,9 +55,6 @@ class FilteredMotion:
     noise, raw
         Standard deviations of the noise of ``velocity``, and of the speed that multiplies the
         Stribeck level: the readings, or ``sharp``.
-    acceleration
-        Derivative of the regressor, a measured velocity filtered first [m/s2]; ``None`` without
-        time.
     half
         Half-width of the filter in samples; 0 for none.
     kernel
@@ -63,16 +63,23 @@ class FilteredMotion:
         Whether the motion was given as a step, without noise.
     """
 
+    experiment: Experiment
+    role: str
     velocity: FloatArray
     regressor: FloatArray
     sharp: FloatArray
     inside: BoolArray
     noise: float
     raw: float
-    acceleration: FloatArray | None = None
     half: int = 0
     kernel: FloatArray = field(default_factory=lambda: np.ones(1))
     exact: bool = False
+
+    def is_that_of(self, experiment: Experiment, half: int) -> bool:
+        """Return whether a run has the same readings of the motion and its filter this length."""
+        own, other = (e.signals[self.role].values for e in (self.experiment, experiment))
+        same = own is other and self.experiment.time is experiment.time
+        return same and half == self.half
 
     def speed_at(self, share: float) -> float:
         """Quantile of the speed [m/s]."""
@@ -88,7 +95,7 @@ class FilteredMotion:
         """Samples on either side that the matched force depends on."""
         return self.kernel.size // 2
 
-    @property
+    @cached_property
     def turns(self) -> FloatArray:
         """Largest second difference of the velocity within reach of a sample, ``(n,)`` [m/s].
 
@@ -100,14 +107,72 @@ class FilteredMotion:
         corner = np.pad(np.abs(np.diff(self.sharp, 2)), 1)[: self.sharp.size]
         return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
 
+    @cached_property
+    def acceleration(self) -> FloatArray | None:
+        """Derivative of the filtered velocity, ``(n,)`` [m/s2]; ``None`` without time."""
+        if self.exact:
+            return np.zeros(self.velocity.size)
+        if not self.experiment.time.size:
+            return None
+        return central_difference(self.velocity if self.reach else self.sharp, self.experiment.time)
 
-def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMotion:
-    """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s].
+    @cached_property
+    def quiet_acceleration(self) -> FloatArray | None:
+        """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
+
+        From the filter that the log itself needs, that of a position is made longer as long as what
+        this changes is noise, and taken one step before that [1]_.
+
+        .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
+           Probability and its Applications 35, 1990.
+        """
+        if not self.reach:
+            return self.acceleration
+        e, half = self.experiment, self.half
+        noise = self.noise / _slope_noise(e, half)
+        while half > 2 and noise * _slope_noise(e, half // 2) <= _QUIET * self.fast:
+            half //= 2  # the filter is one that another log needs
+        before, best, left = np.zeros(0), np.zeros(0), 0.0
+        for (slope, weights), _ in _slopes(e, e[self.role], half):
+            longer = central_difference(slope, e.time)
+            if best.size and np.mean((longer - best)[self.inside] ** 2) > _EXPLAINED * left**2:
+                break
+            left = noise * float(np.linalg.norm(np.convolve(weights, FIVE_POINTS)))
+            left /= e.sample_time
+            before, best = best if best.size else longer, longer
+        return before
+
+    def match_force(self, force: FloatArray) -> FloatArray:
+        """Smooth a force as the regressor is smoothed, shape ``(n,)``.
+
+        The slope of a position is a weighted mean of the velocity within the window; the same
+        slope of the integral of the force, here of its Hermite cubics, is the same mean of it.
+        """
+        time = self.experiment.time
+        if not self.reach:
+            return force
+        if self.experiment.uniform:
+            return np.convolve(np.pad(force, self.reach, mode="edge"), self.kernel, "valid")
+        from scipy.interpolate import CubicHermiteSpline
+
+        cubics = CubicHermiteSpline(time, force, np.gradient(force, time))
+        return differentiate(self.experiment, cubics.antiderivative()(time), self.half)[1]
+
+
+def _samples(experiment: Experiment, role: str, half_width: float) -> int:
+    """Samples in the half-width of a filter [s], as many as it can have."""
+    least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
+    samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
+    return max(least, min(samples, (experiment[role].size - 1) // 2))
+
+
+def _filter(experiment: Experiment, role: str, half: int) -> FilteredMotion:
+    """Motion by a zero-phase quadratic over ``half`` samples on either side.
 
     The slope of a position is regressor and instrument at once. Of a velocity the readings are the
     regressor, and their neighbours the instrument. A step was not recorded, and is taken as it is.
     """
-    y = experiment[role]
+    y, motion = experiment[role], partial(FilteredMotion, experiment, role)
     everywhere = np.ones(experiment.samples, dtype=bool)
     if y.size != experiment.samples:
         if is_place(role):
@@ -118,17 +183,14 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
                 remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
             )
         v = experiment.sampled(role)
-        return FilteredMotion(v, v, v, everywhere, 0.0, 0.0, np.zeros(v.size), exact=True)
+        return motion(v, v, v, everywhere, 0.0, 0.0, exact=True)
     step = experiment.signals[role].resolution
     if np.ptp(y) < 20.0 * step:
         step = 0.0  # a handful of exact levels, as in a table of plateaus
     uneven = experiment.time if experiment.time.size and not experiment.uniform else None
     noise = max(white_noise(y, uneven), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
-        return FilteredMotion(y, y, y, everywhere, noise, noise)
-    least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
-    samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
-    half = max(least, min(samples, (y.size - 1) // 2))
+        return motion(y, y, y, everywhere, noise, noise)
     value, rate, inside = differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
@@ -141,16 +203,14 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> FilteredMot
         far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
         inside = far if far.any() else inside
         quiet = noise * _slope_noise(experiment, half)
-        acceleration = central_difference(v, experiment.time)
-        return FilteredMotion(v, v, v, inside, quiet, quiet, acceleration, half, kernel)
+        return motion(v, v, v, inside, quiet, quiet, half, kernel)
     once = matched_kernel(half, 0)
     sharp = sharpener(once)
     smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
     share, power = float(twice[twice.size // 2]), float(twice @ twice)
     others = np.where(inside, (smoothed - share * y) / (1.0 - share), smoothed)
     quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
-    acceleration = central_difference(smoothed, experiment.time)
-    return FilteredMotion(others, y, smoothed, inside, quiet, noise, acceleration, half)
+    return motion(others, y, smoothed, inside, quiet, noise, half)
 
 
 def _slopes(
@@ -172,7 +232,7 @@ def _slopes(
         _, rate, inside = differentiate(experiment, place, half)
 
 
-def _with_local_slope(experiment: Experiment, role: str, motion: FilteredMotion) -> FilteredMotion:
+def _with_local_slope(motion: FilteredMotion) -> FilteredMotion:
     """Give the motion of a place the slope by the longest window that all shorter ones agree with.
 
     A window that reaches over a corner of the velocity disagrees with them [1]_. Windows as they
@@ -185,12 +245,13 @@ def _with_local_slope(experiment: Experiment, role: str, motion: FilteredMotion)
     """
     if not motion.reach:
         return motion
-    half, n = motion.half, experiment.samples
+    experiment, half = motion.experiment, motion.half
     noise = motion.noise / _slope_noise(experiment, half)
+    n = experiment.samples
     far = float(np.sqrt(2.0 * np.log(n)))  # of so many normal variables hardly any is
     lengths, (best, errors) = np.zeros((2, n), dtype=int), np.zeros((2, 2, n))
     low, high = np.full((2, 2, n), np.inf) * np.array([-1.0, 1.0])[:, None, None]
-    windows = _slopes(experiment, experiment[role], max(half // 8, min(half, 2)))
+    windows = _slopes(experiment, experiment[motion.role], max(half // 8, min(half, 2)))
     for k, pair in enumerate(islice(windows, _LOCAL)):
         slopes = np.array([slope for slope, _ in pair])
         error = noise * np.array([[np.linalg.norm(weights)] for _, weights in pair])
@@ -208,47 +269,6 @@ def _slope_noise(experiment: Experiment, half: int) -> float:
     return float(np.linalg.norm(polynomial_taps(half, DEGREE)[1])) / experiment.sample_time
 
 
-def quiet_acceleration(experiment: Experiment, motion: FilteredMotion, role: str) -> FloatArray:
-    """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
-
-    From the filter that the log itself needs, that of a position is made longer as long as what
-    this changes is noise, and taken one step before that [1]_.
-
-    .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
-       Probability and its Applications 35, 1990.
-    """
-    if not motion.reach:
-        return np.asarray(motion.acceleration)
-    half, noise = motion.half, motion.noise / _slope_noise(experiment, motion.half)
-    while half > 2 and noise * _slope_noise(experiment, half // 2) <= _QUIET * motion.fast:
-        half //= 2  # the filter is one that another log needs
-    before, best, left = np.zeros(0), np.zeros(0), 0.0
-    for (slope, weights), _ in _slopes(experiment, experiment[role], half):
-        longer = central_difference(slope, experiment.time)
-        if best.size and np.mean((longer - best)[motion.inside] ** 2) > _EXPLAINED * left**2:
-            break
-        left = noise * float(np.linalg.norm(np.convolve(weights, FIVE_POINTS)))
-        left /= experiment.sample_time
-        before, best = best if best.size else longer, longer
-    return before
-
-
-def match_force(experiment: Experiment, motion: FilteredMotion, force: FloatArray) -> FloatArray:
-    """Smooth a force as the regressor is smoothed, shape ``(n,)``.
-
-    The slope of a position is a weighted mean of the velocity within the window; the same
-    slope of the integral of the force, here of its Hermite cubics, is the same mean of it.
-    """
-    if not motion.reach:
-        return force
-    if experiment.uniform:
-        return np.convolve(np.pad(force, motion.reach, mode="edge"), motion.kernel, "valid")
-    from scipy.interpolate import CubicHermiteSpline
-
-    cubics = CubicHermiteSpline(experiment.time, force, np.gradient(force, experiment.time))
-    return differentiate(experiment, cubics.antiderivative()(experiment.time), motion.half)[1]
-
-
 def _flattens(before: FilteredMotion, now: FilteredMotion) -> bool:
     """Return whether a longer filter removes much of the highest speed, and not just its noise.
 
@@ -264,7 +284,7 @@ def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
     for e in experiments:
         tried: list[FilteredMotion] = []
         for half in _HALF_WIDTHS:
-            motion = _filter(e, role, half * e.sample_time)
+            motion = _filter(e, role, _samples(e, role, half * e.sample_time))
             if tried and _flattens(tried[-1], motion):
                 break
             tried.append(motion)
@@ -275,7 +295,7 @@ def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
     longest = max(widths)
     # a filter that a slow log needs may flatten a fast one
     for e, m, own in zip(experiments, chosen, widths):
-        while longest > 1.5 * own and _flattens(m, _filter(e, role, longest)):
+        while longest > 1.5 * own and _flattens(m, _filter(e, role, _samples(e, role, longest))):
             longest *= 0.5
     return longest
 
@@ -291,7 +311,10 @@ def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:
     for half in _HALF_WIDTHS:
         if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motions, error = [_filter(e, role, half * step) for e in experiments], 0.0
+        motions, error = (
+            [_filter(e, role, _samples(e, role, half * step)) for e in experiments],
+            0.0,
+        )
         for m in motions:
             rest, others = (
                 (m.regressor - v)[m.inside] for v in (m.sharp, m.velocity)
@@ -306,15 +329,22 @@ def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:
 
 
 def make_motions(
-    experiments: Sequence[Experiment], role: str, half_width: float | None
+    experiments: Sequence[Experiment],
+    role: str,
+    half_width: float | None,
+    known: Sequence[FilteredMotion] = (),
 ) -> tuple[list[FilteredMotion], float]:
     """Motion of every log, and the half-width of the filter of all of them [s].
 
-    It is chosen where none is given, and 0 without time.
+    It is chosen where none is given, and 0 without time. Motions that are ``known`` already are
+    not made again.
     """
     measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
     if half_width is None and measured:
         half_width = (_choose_slope if is_place(role) else _choose_smoothing)(measured, role)
-    half_width = half_width or 0.0
-    motions = [_with_local_slope(e, role, _filter(e, role, half_width)) for e in experiments]
+    half_width, motions = half_width or 0.0, []
+    for e in experiments:
+        half = _samples(e, role, half_width)
+        same = (m for m in known if m.is_that_of(e, half))
+        motions.append(next(same, None) or _with_local_slope(_filter(e, role, half)))
     return motions, half_width

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from ...mechanics.friction_law import FrictionLaw
 from .axis import Axis, axis_of, motion_role
-from .motion import SLOW, FilteredMotion, make_motions, match_force, quiet_acceleration
+from .motion import SLOW, FilteredMotion, make_motions
 from .options import ONE_SIDED, SIDES, FrictionOptions, check_options
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
@@ -39,8 +40,6 @@ class FrictionData:
     known, friction
         Part of the drive that is not friction, and the rest, which is zero where no force was
         recorded, shape ``(n,)`` [N].
-    matched
-        The friction smoothed like the regressor, shape ``(n,)`` [N].
     moving, kept
         Masks of the samples outside the dead band, and of those that are fitted, shape ``(n,)``.
     scale
@@ -52,10 +51,14 @@ class FrictionData:
     motion: FilteredMotion
     known: FloatArray
     friction: FloatArray
-    matched: FloatArray
     moving: BoolArray
     kept: BoolArray
     scale: float
+
+    @cached_property
+    def matched(self) -> FloatArray:
+        """The friction smoothed like the regressor, shape ``(n,)`` [N]."""
+        return self.motion.match_force(self.friction)
 
     @property
     def axis(self) -> Axis:
@@ -103,7 +106,7 @@ class FrictionData:
         bare = m.sharp if m.reach else m.regressor
         noise = m.raw if rise.speed > 0.0 else 0.0
         rising = rise.columns(sign, bare, noise)
-        matched = [match_force(self.experiment, m, c) for c in rising]
+        matched = [m.match_force(c) for c in rising]
         columns, target = self._columns(m.regressor, matched, kept), self.matched[kept]
         # what one standard deviation of the motion's noise adds
         felt = np.full(target.size, m.noise if m.reach else m.raw)
@@ -198,11 +201,17 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
 
 
 def prepare(
-    variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    options: FrictionOptions,
+    known: Sequence[FilteredMotion] = (),
 ) -> tuple[list[FrictionData], FrictionOptions]:
-    """Friction force and described samples per run; options with filter and dead band settled."""
+    """Friction force and described samples per run; options with filter and dead band settled.
+
+    Motions that are ``known`` already are not made again.
+    """
     check_options(variant, experiments, options)
-    motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
+    motions, half_width = make_motions(experiments, motion_role(variant), options.filter, known)
     deadband = options.deadband
     if deadband is None:
         deadband = _choose_deadband(motions, options.stribeck == "estimate")
@@ -226,14 +235,13 @@ def _prepare(
         known = scale * (first - second)
     rest = scale * e.sampled(output) - known if output in e else np.zeros(e.samples)
     inertia = np.zeros(e.samples)
-    if options.moved and motion.acceleration is not None:
-        inertia = options.moved * quiet_acceleration(e, motion, motion_role(variant))
+    if options.moved and motion.quiet_acceleration is not None:
+        inertia = options.moved * motion.quiet_acceleration
     rest = rest - inertia
     slow = 0.0 if motion.exact else options.deadband or 0.0
     moving = np.abs(motion.velocity) > slow
     kept = _moving(motion, slow) & described(motion, options)
-    matched = match_force(e, motion, rest)
-    return FrictionData(e, variant, motion, known + inertia, rest, matched, moving, kept, scale)
+    return FrictionData(e, variant, motion, known + inertia, rest, moving, kept, scale)
 
 
 def described(motion: FilteredMotion, options: FrictionOptions) -> BoolArray:
@@ -308,14 +316,18 @@ def leave_out_turns(
 
 
 def simulate_force(
-    plant: Plant[FrictionOptions], experiments: Sequence[Experiment], offset: float | None
+    plant: Plant[FrictionOptions],
+    experiments: Sequence[Experiment],
+    offset: float | None = None,
+    *,
+    known: Sequence[FilteredMotion] = (),
 ) -> list[Simulated]:
     """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
 
     Within the dead band a measured velocity is noise and nothing is known of friction: it
     counts as zero there, and the sample as not described.
     """
-    data, options = prepare(plant.variant, experiments, plant.options)
+    data, options = prepare(plant.variant, experiments, plant.options, known)
     law = FrictionLaw.of(with_speed(plant.numbers, speeds(data)))
     offsets = _find_offsets(data, law, offset) if options.force_offset else {}
     out = []

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from ...estimation.solution import moved
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, UnmodelledEffect
 from .axis import axis_of, is_place, motion_role
 from .options import FrictionOptions
-from .samples import prepare
+from .samples import LEVELS
 
 _PLACES = 9  # along the travel, between which a force changes linearly
 
@@ -33,19 +35,24 @@ def unmodelled_effects(plant: Plant[FrictionOptions]) -> Iterator[UnmodelledEffe
 
 
 def _along_the_travel(
-    plant: Plant[FrictionOptions], rubs: bool, experiments: Sequence[Experiment], _: Simulate
+    plant: Plant[FrictionOptions],
+    rubs: bool,
+    experiments: Sequence[Experiment],
+    simulate: Simulate,
 ) -> list[dict[str, FloatArray]]:
     """Derivatives of the output by a force at each place, ``(n, places)``.
 
-    The force opposes the motion where it ``rubs``.
+    The force opposes the motion where it ``rubs``, as a level of friction does; a load is one that
+    pushes one way.
     """
     role, output = motion_role(plant.variant), plant.variant.output.name
-    data, _options = prepare(plant.variant, experiments, plant.options)
+    plant = replace(plant, options=replace(plant.options, force_offset=False))
+    pushed = moved(moved(plant, LEVELS[0], 1.0), LEVELS[1], 1.0 if rubs else -1.0)
     ends = [f(e[role]) for e in experiments for f in (np.min, np.max)]
     places = np.linspace(min(ends), max(ends), _PLACES)
     out = []
-    for e, d in zip(experiments, data, strict=True):
+    runs = (simulate(p, experiments) for p in (pushed, plant))
+    for e, more, less in zip(experiments, *runs, strict=True):
         hats = np.column_stack([np.interp(e[role], places, one) for one in np.eye(_PLACES)])
-        side = np.sign(d.motion.sharp)[:, None] if rubs else 1.0
-        out.append({output: side * hats / d.scale})
+        out.append({output: (more.output - less.output)[:, None] * hats})
     return out
