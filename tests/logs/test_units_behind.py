@@ -43,6 +43,31 @@ def test_another_unit_of_a_single_cell_is_no_number(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.columns[2].values, np.round(P, 3))
 
 
+@pytest.mark.parametrize("clock", ["T#{:.0f}ms", "T#1s{:.0f}ms", "{:.0f}"])
+def test_units_behind_numbers_beside_durations_of_a_controller(tmp_path: Path, clock: str) -> None:
+    """The column of bars was one of words, and T#4ms was T#4."""
+    lines = [f"{clock.format(1e3 * t)};{p:.4f} bar" for t, p in zip(T, P)]
+    log = read(tmp_path, ["t;p", *lines])
+    assert log.columns[1].unit == "bar"
+    np.testing.assert_allclose(log.columns[1].values, np.round(P, 4))
+    since = log.columns[0].values * (1.0 if "#" in clock else 1e-3)
+    np.testing.assert_allclose(since - since[0], T, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", [2, 40])
+@pytest.mark.parametrize("empty", ["", "NaN", "---"])
+def test_a_cell_without_a_number_costs_no_other_its_unit(
+    tmp_path: Path, place: int, empty: str
+) -> None:
+    """One empty cell made words of all columns with units behind their numbers."""
+    cells = [f"{p:.4f} bar" for p in P]
+    cells[place] = empty
+    log = read(tmp_path, ["t,u,p", *(f"{t:.3f},{u:.3f} V,{c}" for t, u, c in zip(T, U, cells))])
+    assert [c.unit for c in log.columns] == [None, "V", "bar"]
+    assert [c.bad for c in log.columns] == [{}, {}, {place: empty}]
+    np.testing.assert_allclose(log.columns[1].values, np.round(U, 3))
+
+
 def test_a_unit_that_the_header_contradicts_is_not_read(tmp_path: Path) -> None:
     lines = [f"{t:.3f};{p:.3f} mbar" for t, p in zip(T, P)]
     log = read(tmp_path, ["t [s];p [bar]", *lines])

@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 from ..errors import LogError, Notice
 from ..formats.sink import MOST_COLUMNS
@@ -56,9 +55,10 @@ _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
-# a unit behind a number, up to what separates cells
+# a number and the unit behind it, up to what separates cells
 _BEHIND = re.compile(
-    r'(?<=\d) ?((?:[^\W\d_]|[%°])[^\s;,|"]{0,20}+(?: [AD]C)?)(?=\s*(?:[;,|\t"]|$))'
+    r"""(?<![^\s;,|"])([+-]?[\d.,][\d.,'eE+-]{0,40}(?<=\d)) ?"""
+    r"""((?:[^\W\d_]|[%°])[^\s;,|"]{0,20}+(?: [AD]C)?)(?=\s*(?:[;,|\t"]|$))"""
 )
 _WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
@@ -78,14 +78,9 @@ def find_layout(source: Source, written: Written) -> Layout:
     skipped = max(written.skip_rows, written.header_row or 0)
     if complete and skipped:
         body = [line for line in head[skipped:] if line.strip()] or body
-    body = as_written = [line for line in body if not hints.is_session(line)]
+    body = [line for line in body if not hints.is_session(line)]
     capture = serial.recognise(body)
-    behind = () if capture is not None else _units_behind(body)
-    bare = list(map(_without_units, body)) if behind else []
-    if behind and any(found[0].startswith(" ") for found in _BEHIND.finditer(body[0])):
-        # between blanks it is a cell of its own
-        blank = _choose_cut(bare, hints, written, source.name).delimiter == " "
-        behind = () if blank else behind
+    behind = None if capture is not None else _cut_before_units(body, hints, written, source.name)
     if capture is not None:
         hints = replace(
             hints,
@@ -95,9 +90,8 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
-    elif behind:
-        body, tidy = bare, partial(_without_units, units=behind)
-        cut = replace(_choose_cut(body, hints, written, source.name), tidy=tidy)
+    elif behind is not None:
+        cut = behind
     elif 2 * sum(map(bool, map(_is_quoted_row, body))) > len(body):
         body = list(map(_unquoted, body))
         cut = _choose_cut(body, hints, written, source.name)
@@ -124,8 +118,7 @@ def find_layout(source: Source, written: Written) -> Layout:
         raise _no_table(source.name, written, skipped)  # one number is none
     visible = _hidden(head, written.skip_rows)
     layout = _lay_out(visible, body, start, cut, hints, written, source.name)
-    if behind:
-        layout = _with_units_behind(layout, as_written[0])
+    layout = _with_units_behind(layout)
     return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
 
 
@@ -257,31 +250,38 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     return [(delimiter, sign) for sign in ".,"]
 
 
-def _units_behind(body: Sequence[str]) -> tuple[str, ...]:
-    """Units behind the numbers of every line, the same in all; none of durations alone."""
-    found = {tuple(_BEHIND.findall(line)) for line in body}
-    units = found.pop() if len(found) == 1 else ()
-    timed = all(same_dimension(unit, "s") for unit in units)
-    return units if not timed and all(map(looks_like_unit, units)) else ()
+def _cut_before_units(body: Sequence[str], hints: Hints, written: Written, name: str) -> Cut | None:
+    """The cut of lines with units behind the numbers; ``None`` without, or of durations alone.
+
+    The unit of a column stands behind most of its cells: another one, or none, is an exception.
+    """
+    bare = [_BEHIND.sub(lambda m: m[1] if looks_like_unit(m[2]) else m[0], line) for line in body]
+    if bare == list(body):
+        return None
+    cut = _choose_cut(bare, hints, written, name)
+    rows = [row[: cut.width] for line in body if len(row := cut.split(line)) >= cut.width]
+    units = tuple(map(_usual_unit, zip(*rows)))
+    stated = list(filter(None, units))
+    if 2 * len(rows) <= len(body) or all(same_dimension(unit, "s") for unit in stated):
+        return None  # between blanks a unit is a cell of its own
+    return replace(cut, behind=units)
 
 
-def _without_units(line: str, units: Sequence[str] | None = None) -> str:
-    """A line without the units behind its numbers; one that is not that of all lines stays."""
-    found = _BEHIND.findall(line)
-    if units is not None and len(found) != len(units):
-        return line
-    usual = iter(units or found)
-    return _BEHIND.sub(lambda m: "" if m[1] == next(usual) else m[0], line)
+def _usual_unit(cells: Sequence[str]) -> str:
+    """The unit behind most of the numbers of a column, empty without one."""
+    filled = [cell for cell in cells if not says_nothing(cell)]
+    found = Counter(m[2] for cell in filled if (m := _BEHIND.fullmatch(cell)))
+    unit, count = max(found.items(), key=lambda pair: pair[1], default=("", 0))
+    return unit if 2 * count > len(filled) and looks_like_unit(unit) else ""
 
 
-def _with_units_behind(layout: Layout, line: str) -> Layout:
+def _with_units_behind(layout: Layout) -> Layout:
     """The layout with the units that stand behind the numbers; two of a column are not read."""
-    cells = split_cells(line, layout.delimiter)[layout.lead :]
     units = list(layout.units)
-    for k, found in enumerate(map(_BEHIND.search, cells[: layout.width])):
-        if found is not None:
-            stated = {units[k], parse_unit_from_header(layout.headers[k])[1]} - {"", None, found[1]}
-            units[k] = " or ".join([*map(str, stated), found[1]])
+    for k, unit in enumerate(layout.behind):
+        if unit:
+            stated = {units[k], parse_unit_from_header(layout.headers[k])[1]} - {"", None, unit}
+            units[k] = " or ".join([*map(str, stated), unit])
     return replace(layout, units=units)
 
 

@@ -124,6 +124,7 @@ class Cut:
     ``thousands`` the sign between groups of three digits, empty without one. ``lead`` cells stand
     before those of the first column, and are not looked at. ``tidy`` strips from a line what its
     logger writes around the cells, and returns ``None`` for a line that is not of that form.
+    ``behind`` are the units behind the numbers, by column.
     """
 
     delimiter: str
@@ -133,11 +134,22 @@ class Cut:
     thousands: str = field(default="", kw_only=True)
     lead: int = field(default=0, kw_only=True)
     tidy: Callable[[str], str | None] | None = field(default=None, kw_only=True)
+    behind: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def is_simple(self) -> bool:
+        """Return whether what stands between the separators is a cell as it is."""
+        return not (self.lead or self.tidy or self.behind)
 
     def split(self, line: str) -> list[str]:
         """Split a line into stripped fields; an empty line has none, nor one not of the form."""
         tidied = self.tidy(line) if self.tidy else line
-        return [] if tidied is None else split_cells(tidied, self.delimiter)[self.lead :]
+        cells = [] if tidied is None else split_cells(tidied, self.delimiter)[self.lead :]
+        for k, unit in enumerate(self.behind[: len(cells)]):
+            number = cells[k].removesuffix(unit).rstrip()
+            if number[-1:].isdigit():
+                cells[k] = number
+        return cells
 
     def is_number(self, text: str) -> bool:
         """Return whether a cell is a finite number in the log's own notation."""

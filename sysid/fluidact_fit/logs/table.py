@@ -79,7 +79,7 @@ def read_table(source: Source, layout: Layout) -> Table:
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     """Read a table of nothing but numbers and empty cells in one go; ``None`` for any other."""
-    if layout.tidy or layout.clocks or layout.groups or layout.skipped:
+    if layout.tidy or layout.behind or layout.clocks or layout.groups or layout.skipped:
         return None
     data, end = source.data, len(source.data)
     if any(data.find(line.encode(), offset) >= 0 for line in layout.again):
@@ -315,7 +315,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
     width, delimiter, needed = layout.width, layout.delimiter, layout.needed
-    simple = '"' not in text and delimiter != " " and not layout.lead and not layout.tidy
+    simple = '"' not in text and delimiter != " " and layout.is_simple
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
         if not line or line.isspace():
             continue
