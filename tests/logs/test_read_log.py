@@ -94,6 +94,30 @@ def test_quoted_fields_and_text_columns(tmp_path: Path) -> None:
     assert log.columns[1].bad[0] == "a, b"
 
 
+@pytest.mark.parametrize(
+    ("sign", "form", "decimal"),
+    [
+        (",", '="{}"', "."),
+        (",", '="{}"', ","),
+        (";", '="{}"', ","),
+        (",", '"=""{}"""', "."),
+        ("\t", '"=""{}"""', ","),
+    ],
+)
+def test_numbers_that_a_spreadsheet_keeps_as_text(
+    tmp_path: Path, sign: str, form: str, decimal: str
+) -> None:
+    """A formula of a text, ="0.5", kept a cell from being read."""
+    rows = [(0.01 * k, 2.5 + 0.125 * k) for k in range(60)]
+    lines = [("time", "p [bar]"), *((f"{t:.2f}", f"{p:.4f}") for t, p in rows)]
+    path = tmp_path / "log.csv"
+    cells = [[c if "p" in c else c.replace(".", decimal) for c in line] for line in lines]
+    path.write_text("\n".join(sign.join(map(form.format, line)) for line in cells) + "\n")
+    log = read_log(path)
+    assert [(c.name, c.unit) for c in log.columns] == [("time", None), ("p", "bar")]
+    np.testing.assert_allclose(np.column_stack([c.values for c in log.columns]), rows)
+
+
 def test_commented_and_spaced_headers(tmp_path: Path) -> None:
     log = read_log(write(tmp_path, "# time [s]  force [N]\n" + "0.0 1.0\n" * 5))
     assert [c.header for c in log.columns] == ["time [s]", "force [N]"]

@@ -20,6 +20,8 @@ _PROBE = 1 << 16
 _RECORDING = re.compile(r"\.(mcap|db3)(\.zstd|\.zst)?$")  # in the folder of a bag
 # The minus sign of print before a number, or its exponent.
 _MINUS = re.compile(rb'(?:(?<![^\s,;|"=:])|(?<=\d[eEdD]))\xe2\x88\x92(?=[\d.,])')
+# A formula of nothing but a text, which keeps a spreadsheet from changing it: ="0.5"
+_FORMULA = re.compile(rb'(?<![^\s;,|])(?:="([^"\n]*)"|"=""([^"\n]*)""")')
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 
 
@@ -75,7 +77,10 @@ def _parts_of_bag(path: Path) -> list[Path]:
 
 
 def make_source(path: Path, raw: bytes, sha256: str) -> Source:
-    """Turn the bytes of a text file into UTF-8 with plain line ends; ``LogError`` if not text."""
+    """Turn the bytes of a text file into UTF-8 with plain line ends and texts for formulas of them.
+
+    ``LogError`` if they are no text.
+    """
     name = name_of(path)
     if not raw or raw.isspace():
         remedy = "Record it again, or check that the logger had finished writing."
@@ -89,6 +94,8 @@ def make_source(path: Path, raw: bytes, sha256: str) -> Source:
             data = data.replace(ending, b"\n")
     if "\u2212".encode() in data:
         data = _MINUS.sub(b"-", data)
+    if b'="' in data:
+        data = _FORMULA.sub(rb'"\1\2"', data)
     return Source(path, data, encoding, sha256)
 
 
