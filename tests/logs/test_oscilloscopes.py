@@ -63,5 +63,50 @@ def test_numbered_samples_have_the_instants_that_are_written_once(tmp_path: Path
     np.testing.assert_allclose(log.columns[0].values, -2e-3 + 1e-4 * np.arange(100), atol=1e-12)
     np.testing.assert_allclose(log.columns[2].values, np.arange(100.0))
     path.write_text("\n".join([head[0], "Sequence,Volt,Volt,?,0", *rows]), encoding="utf-8")
-    with pytest.raises(LogError, match=r"line 2.*are no instants"):
+    with pytest.raises(LogError, match=r"line 2.*no times follow from a start of '\?'"):
+        read_log(path)
+
+
+HEAD = (
+    '"Header Size",15', '"Model Name","DLM4000"', '"Comment",""', '"BlockNumber",1',
+    '"TraceName","inlet","outlet"', '"BlockSize",100,100', '"VUnit","bar","mV"',
+    '"SampleRate",1000,1000', '"HResolution",1.0e+00,1.0e+00', '"HOffset",-2.0e+01,-2.0e+01',
+    '"HUnit","ms","ms"', '"DisplayPointNo.",1,1', '"Date","2024/05/06","2024/05/06"',
+    '"Time","10:11:12.5","10:11:12.5"', "",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "form", [",{:.4f},{:.3f}", "{:.4f},{:.3f}", "{:.4f},{:.3f},", ",{:.4f},{:.3f},"]
+)
+def test_settings_of_every_trace_above_the_samples(tmp_path: Path, form: str) -> None:
+    """As a Yokogawa exports: 'HUnit' or 'Time' and an instant were the names of the columns."""
+    path = tmp_path / "000.csv"
+    rows = [form.format(1.0 + 0.5 * (k % 5), 2.0 * k) for k in range(100)]
+    path.write_text("\n".join([*HEAD, *rows]) + "\n", encoding="utf-8")
+    log = read_log(path)
+    assert log.dialect.name == "Yokogawa oscilloscope"
+    found = [(c.header, c.unit) for c in log.columns]
+    assert found == [("time", "s"), ("inlet", "bar"), ("outlet", "mV")]
+    assert (log.rows, log.account.left_out) == (100, ())
+    np.testing.assert_allclose(log.columns[0].values, 1e-3 * np.arange(-20, 80), atol=1e-12)
+    np.testing.assert_allclose(log.columns[2].values, 2.0 * np.arange(100))
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "message"),
+    [
+        (10, '"HUnit","Hz","Hz"', r"line 9: no times follow from a start of '-2\.0e\+01'"),
+        (8, '"HResolution",0,0', r"line 9: no times follow .* step of '0' \[ms\]"),
+        (3, '"BlockNumber",3', r"line 4: 3 blocks of samples"),
+    ],
+)
+def test_settings_without_instants_are_refused(
+    tmp_path: Path, line: int, instead: str, message: str
+) -> None:
+    path = tmp_path / "000.csv"
+    head = [*HEAD[:line], instead, *HEAD[line + 1 :]]
+    rows = [f",{0.5 * (k % 5):.4f},{k}" for k in range(100)]
+    path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    with pytest.raises(LogError, match=message):
         read_log(path)

@@ -1,21 +1,27 @@
-"""CSV of oscilloscopes that write settings among the samples: Rigol and older Tektronix.
+"""CSV of oscilloscopes that write settings among the samples: Rigol, Yokogawa, older Tektronix.
 
 Rigol: ``X,CH1,CH2,Start,Increment`` names the columns, ``Sequence,Volt,Volt,-3e-3,1e-5`` has their
 units and, in seconds, the first instant and the step of numbered samples. Tektronix (TDS, TPS): the
 first lines hold a setting in their first two cells (``Record Length,2.5e+03``, ``Source,CH1``,
 ``Vertical Units,V``, ``Horizontal Units,s``), and every line an instant and a value in its fourth
-and fifth one.
+and fifth one. Yokogawa (DL, DLM, SL): every line of the head has a key and one cell per trace
+(``TraceName,CH1,CH2``, ``VUnit,V,V``), ``HResolution`` and ``HOffset`` the step and the first
+instant of the samples in ``HUnit``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..errors import LogError
+from ..units import conversion_factor, same_dimension
 from .layout import Counted, Group, Hints, Layout, number_of, split_cells
 from .source import Source
 
 _RIGOL = Hints("Rigol oscilloscope", sparse=True)
 _TEKTRONIX = Hints("Tektronix oscilloscope")
-_SETTINGS = 20  # lines that can hold one
+_YOKOGAWA = Hints("Yokogawa oscilloscope", sparse=True)
+_SETTINGS = 40  # lines that can hold one
 _LEAD = 3  # cells before the instant
 
 
@@ -25,7 +31,7 @@ def lay_out(source: Source) -> Layout | None:
     Raises
     ------
     LogError
-        When start or step are no numbers.
+        When no instants follow from start and step.
     """
     lines = source.data[: 1 << 16].decode(errors="replace").split("\n")[:_SETTINGS]
     rows = [split_cells(line, ",") for line in lines]
@@ -33,6 +39,9 @@ def lay_out(source: Source) -> Layout | None:
         return _lay_out_settings(rows)
     if len(rows) > 1 and rows[0][0] == "X" and rows[1][0] == "Sequence":
         return _lay_out_numbered(rows[0], rows[1], source.name)
+    keys = {row[0]: k for k, row in enumerate(rows) if row[0] and number_of(row[0]) is None}
+    if {"TraceName", "VUnit", "HResolution"} <= keys.keys():
+        return _lay_out_traces(rows, keys, source.name)
     return None
 
 
@@ -58,14 +67,7 @@ def _lay_out_numbered(names: list[str], units: list[str], name: str) -> Layout |
     if not {"Start", "Increment"} <= where.keys() or where["Start"] < 2:
         return None
     said = [units[where[k]] if where[k] < len(units) else "" for k in ("Start", "Increment")]
-    start, step = map(number_of, said)
-    if start is None or step is None or step <= 0.0:
-        raise LogError(
-            f"start '{said[0][:40]}' and step '{said[1][:40]}' of the samples are no instants.",
-            where=f"{name}, line 2",
-            expected="Expected two numbers in seconds, the step above zero.",
-            remedy="Export it again, or give --skip-rows 2 and --sample-time SECONDS.",
-        )
+    counted = _count(said[0], said[1], "s", first_row=2, where=f"{name}, line 2")
     width = where["Start"]
     return Layout(
         delimiter=",",
@@ -77,5 +79,59 @@ def _lay_out_numbered(names: list[str], units: list[str], name: str) -> Layout |
         units_row=1,
         headers=["time", *names[1:width]],
         units=["s", *units[1:width]],
-        groups=(Group(tuple(range(1, width)), None, (Counted(3, start, step),)),),
+        groups=(Group(tuple(range(1, width)), None, (counted,)),),
     )
+
+
+def _lay_out_traces(rows: Sequence[list[str]], keys: dict[str, int], name: str) -> Layout | None:
+    """The layout of an export with a line per setting of its traces, ``None`` without samples."""
+    settings = {key: list(filter(None, rows[k][1:])) for key, k in keys.items()}
+    first = max(keys.values()) + 1
+    first = next((k for k in range(first, len(rows)) if any(rows[k])), 0)
+    names, units = settings["TraceName"], settings["VUnit"]
+    samples = rows[first]
+    lead = next((k for k, cell in enumerate(samples) if cell), 0)
+    columns = len(samples) - lead - (samples[-1] == "")
+    steps = set(settings["HResolution"])
+    if not first or columns != len(names) or len(units) != len(names) or len(steps) != 1:
+        return None
+    if settings.get("BlockNumber", ["1"])[0] != "1":
+        raise LogError(
+            f"{settings['BlockNumber'][0]} blocks of samples in one file.",
+            where=f"{name}, line {keys['BlockNumber'] + 1}",
+            expected="Expected one recording, whose instants follow from HOffset and HResolution.",
+            remedy="Export every block to a file of its own.",
+        )
+    counted = _count(
+        settings.get("HOffset", ["0"])[0], steps.pop(), settings.get("HUnit", ["s"])[0],
+        first_row=first, where=f"{name}, line {keys['HResolution'] + 1}",
+    )  # fmt: skip
+    return Layout(
+        delimiter=",",
+        decimal=".",
+        width=columns,
+        lead=lead,
+        trailing=samples[-1] == "",
+        first_row=first,
+        hints=_YOKOGAWA,
+        header_row=keys["TraceName"],
+        units_row=keys["VUnit"],
+        headers=["time", *names],
+        units=["s", *units],
+        groups=(Group(tuple(range(columns)), None, (counted,)),),
+    )
+
+
+def _count(start: str, step: str, unit: str, *, first_row: int, where: str) -> Counted:
+    """The instants of numbered samples, of which the first and the step are written once."""
+    first, between = number_of(start), number_of(step)
+    if first is None or between is None or between <= 0.0 or not same_dimension(unit, "s"):
+        raise LogError(
+            f"no times follow from a start of '{start[:40]}' and a step of '{step[:40]}' "
+            f"[{unit[:40]}].",
+            where=where,
+            expected="Expected two numbers in seconds, the step above zero.",
+            remedy=f"Export it again, or give --skip-rows {first_row} and --sample-time SECONDS.",
+        )
+    factor = conversion_factor(unit, "s")
+    return Counted(first_row + 1, factor * first, factor * between)
