@@ -9,6 +9,7 @@ import lzma
 import resource
 import subprocess
 import sys
+import tracemalloc
 import zipfile
 import zlib
 from pathlib import Path
@@ -83,6 +84,19 @@ def test_what_holds_far_more_than_logs_do_is_refused(tmp_path: Path, make) -> No
     with pytest.raises(LogError, match=r"holds more than \d+ MB") as caught:
         read(tmp_path, make())
     assert "Unpack it" in caught.value.text
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
+def test_what_is_refused_was_not_kept(pack) -> None:
+    """An archive of 9 MB took 2 GB before it was refused."""
+    packed = bomb(pack)
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogError, match=r"holds more than \d+ MB"):
+            archives.unpack(packed.ljust(1_000_000, b"\0"), "log")  # 200 MB are allowed
+        assert tracemalloc.get_traced_memory()[1] < 1e8
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_long_log_that_is_packed_well_is_read(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Packed files, unpacked within bounds: a few kilobytes may stand for gigabytes of nothing.
 
 What comes out is bounded by how much went in, by memory and by processor time. It is made block by
-block and counted as it comes; sizes that an archive states of itself are not believed.
+block and counted before more than a little is kept; sizes that an archive states of itself are not
+believed.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from ..errors import LogError
@@ -88,9 +90,9 @@ def unpack(raw: bytes, name: str) -> bytes:
     kind = next((k for magic, k in _PACKED.items() if raw.startswith(magic)), None)
     if kind is None:
         return raw
-    blocks = _zstd(raw) if kind == "zstd" else _members(raw, _DECODERS[kind])
+    blocks = partial(_zstd, raw) if kind == "zstd" else partial(_members, raw, _DECODERS[kind])
     try:
-        unpacked = gathered(blocks, Budget(len(raw), name))
+        unpacked = _gather(blocks, Budget(len(raw), name))
     except _DAMAGED as error:
         raise _damaged(error, name) from None
     if is_packed(unpacked):
@@ -103,13 +105,15 @@ def unpack(raw: bytes, name: str) -> bytes:
     return unpacked
 
 
-def gathered(blocks: Iterator[bytes], budget: Budget) -> bytes:
-    """Blocks in one piece, as long as the budget lasts."""
-    out = bytearray()
-    for block in blocks:
+def _gather(blocks: Callable[[], Iterator[bytes]], budget: Budget) -> bytes:
+    """Blocks in one piece, made again where they are too many to be kept while they are counted."""
+    kept: list[bytes] = []
+    size = 0
+    for block in blocks():
         budget.spend(len(block))
-        out += block
-    return bytes(out)
+        size += len(block)
+        kept = [*kept, block] if size <= _ALWAYS else []
+    return b"".join(kept if size <= _ALWAYS else blocks())
 
 
 def _damaged(error: Exception, name: str) -> LogError:
@@ -191,8 +195,12 @@ def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, budget: Budge
             where=budget.name,
             remedy="Unpack it, and give the log in it.",
         )
-    try:
+
+    def blocks() -> Iterator[bytes]:
         with archive.open(member) as file:
-            return gathered(iter(lambda: file.read(_OUT), b""), budget)
+            yield from iter(lambda: file.read(_OUT), b"")
+
+    try:
+        return _gather(blocks, budget)
     except _DAMAGED as error:
         raise _damaged(error, budget.name) from None
