@@ -300,15 +300,35 @@ def test_save_refuses_to_overwrite(valve_design: Design, tmp_path: Path) -> None
     ("limits", "message"),
     [
         ({"criterion": "mass"}, "names the criterion 'mass'"),
-        ({"amplitude": (2.0, 1.0)}, "the lower end is not below"),
+        ({"amplitude": (2.0, 1.0)}, "2.0 is not below 1.0"),
+        ({"amplitude": ("1 V",)}, "amplitude=('1 V',) is not a pair of numbers"),
+        ({"amplitude": "1 V"}, "amplitude='1 V' is not a pair of numbers"),
+        ({"amplitude": ()}, "amplitude=() is not a pair of numbers"),
+        ({"amplitude": (None, 1.0)}, "amplitude=(None, 1.0) is not a number"),
+        ({"amplitude": (float("nan"), 1.0)}, "amplitude=(nan, 1.0) is not finite"),
+        ({"stroke": 1.0}, "stroke=1.0 is not a pair of numbers"),
+        ({"rate": (1.0, 2.0)}, "rate=(1.0, 2.0) is not a number"),
+        ({"rate": True}, "rate=True is"),
         ({"duration": 0.05}, "samples"),
+        ({"duration": float("nan")}, "duration=nan is not finite"),
+        ({"duration": (1.0,)}, "duration=(1.0,) is not a number"),
+        ({"sample_time": "1 mm"}, "unit 'mm' is a length"),
+        ({"criterion": None}, "criterion=None is not text"),
+        ({"seed": -1}, "seed=-1 is not a whole number from 0"),
+        ({"progress": "x"}, "progress='x' is not a function"),
     ],
 )
 def test_impossible_wishes_are_refused(
     valve: ff.FitResult, limits: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(UsageError, match=re.escape(message)):
         design(document_of(valve), **limits)
+
+
+@pytest.mark.parametrize("document", [None, {"mass": 1.0}, ["valve.yaml"]])
+def test_what_is_no_parameter_file_is_refused(document: Any) -> None:
+    with pytest.raises(UsageError, match="is not a file name"):
+        design(document)
 
 
 def test_a_range_that_a_slow_sensor_cannot_cross_is_refused_at_once() -> None:

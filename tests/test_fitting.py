@@ -187,7 +187,7 @@ def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
         ({"fixed": {"gain": "much"}}, "'much' is not a number"),
         ({"fixed": {"gain": None}}, "is not a number"),
         ({"start": {"gian": "1 bar"}}, "names the single-valued parameter 'gian'"),
-        ({"bounds": {"gain": (3.0, 2.0)}}, "3 is not below 2"),
+        ({"bounds": {"gain": (3.0, 2.0)}}, "3.0 is not below 2.0"),
         ({"bounds": {"gian": ("1 bar", "2 bar")}}, "names the single-valued parameter 'gian'"),
         ({"fixed": {"gain": True}}, "is a truth value"),
         ({"fixed": {"gain": 10**5000}}, "is not finite"),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
 from .errors import UsageError
+from .units.quantities import NumberWithUnit, in_si, parse_quantity, plausible
 
 _LONGEST = 60  # characters of a value that is shown as it was written
 
@@ -38,6 +39,7 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str, str]] = {
     "truth": (is_truth, "not True or False", "Give one of the two."),
     "number": (is_number, "not a number", "Give a number; times in seconds."),
     "whole": (_is_whole, "not a whole number", "Give a whole number."),
+    "seed": (lambda v: _is_whole(v) and v >= 0, "not a whole number from 0", "Give one."),
     "text": (lambda v: isinstance(v, str), "not text", "Give it as text, in quotes."),
     "path": (_is_path, "not a file name", "Give a path as text or as a Path."),
     "mapping": (
@@ -55,6 +57,44 @@ def require(kind: str, **given: Any) -> None:
     for name, value in given.items():
         if not holds(value):
             raise UsageError(f"{name}={shown(value)} is {words}.", remedy=remedy)
+
+
+def number_in_si(what: str, value: Any, units: Sequence[str]) -> float:
+    """A finite number, or text with its unit, in the first of some SI units that it measures.
+
+    ``UsageError`` for anything else, of ``what`` was given.
+    """
+    try:
+        quantity = parse_quantity(value) if isinstance(value, str) else value
+        if isinstance(quantity, NumberWithUnit) and not units:
+            quantity = quantity.number  # of a name that does not exist: the family refuses it
+        number = in_si(quantity, *units)
+        if is_truth(number):
+            raise TypeError("a truth value")
+        return float(plausible(number))
+    except (TypeError, ValueError) as error:
+        why = f": {error}" if isinstance(value, str | NumberWithUnit) else " is not a number"
+        if isinstance(value, float | int):
+            why = f" is {error}"
+        raise UsageError(
+            f"{what}{why}.",
+            remedy=f"Give a number in {' or '.join(dict.fromkeys(units)) or 'SI'}, or with a unit "
+            "of the same quantity.",
+        ) from None
+
+
+def pair_in_si(what: str, value: Any, units: Sequence[str]) -> tuple[float, float]:
+    """A lower and an upper end in SI, each as :func:`number_in_si` takes it (``UsageError``)."""
+    if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
+        raise UsageError(
+            f"{what} is not a pair of numbers.",
+            remedy="Give the lower and the upper end, in SI or as text with its unit.",
+        )
+    ends = list(value)
+    low, high = (number_in_si(what, end, units) for end in ends)
+    if not low < high:
+        raise UsageError(f"{what}: {shown(ends[0])} is not below {shown(ends[1])}.")
+    return low, high
 
 
 def shown(value: Any) -> str:

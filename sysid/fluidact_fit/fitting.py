@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil, inf
-from numbers import Integral
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .arguments import is_truth, require, shown
+from .arguments import number_in_si, pair_in_si, require, shown
 from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import (
@@ -54,7 +53,6 @@ from .outcome import Simulation
 from .result import FitResult
 from .specification import ParameterSpec, Role
 from .units import after_number
-from .units.quantities import NumberWithUnit, in_si, parse_quantity, plausible
 
 _MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 250 bytes of each
 _AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
@@ -163,13 +161,15 @@ def fit(
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     units_of = units_of_numbers(chosen)
     units_of_roles = _units_by_name(r for v in chosen.variants for r in v.roles)
-    if is_truth(seed) or not isinstance(seed, Integral) or seed < 0:
-        raise UsageError(f"seed={shown(seed)} is not a whole number from 0.")
+    require("seed", seed=seed)
     request = Request(
         options=chosen.options_type.read(options),
         fixed=numbers_in_si("--fix", fixed, units_of),
         start=numbers_in_si("--start", start, units_of),
-        bounds=_pairs(bounds, units_of),
+        bounds={
+            name: pair_in_si(f"--bounds {name}={shown(pair)}", pair, units_of.get(name, ()))
+            for name, pair in (bounds or {}).items()
+        },
         noise=numbers_in_si("--noise", noise, units_of_roles),
         seed=seed,
         progress=progress or (lambda message: None),
@@ -313,30 +313,9 @@ def numbers_in_si(
             remedy="Give one, as {'dead_time': 0.012}.",
         )
     return {
-        name: _number(f"{option} {name}={shown(value)}", value, units_of.get(name, ()))
+        name: number_in_si(f"{option} {name}={shown(value)}", value, units_of.get(name, ()))
         for name, value in (given or {}).items()
     }
-
-
-def _number(what: str, value: float | str | NumberWithUnit, units: Sequence[str]) -> float:
-    """A finite number in SI; ``UsageError`` for anything else."""
-    try:
-        quantity = parse_quantity(value) if isinstance(value, str) else value
-        if isinstance(quantity, NumberWithUnit) and not units:
-            quantity = quantity.number  # of a name that does not exist: the family refuses it
-        number = in_si(quantity, *units)
-        if is_truth(number):
-            raise TypeError("a truth value")
-        return float(plausible(number))
-    except (TypeError, ValueError) as error:
-        why = f": {error}" if isinstance(value, str | NumberWithUnit) else " is not a number"
-        if isinstance(value, float | int):
-            why = f" is {error}"
-        raise UsageError(
-            f"{what}{why}.",
-            remedy=f"Give a number in {' or '.join(dict.fromkeys(units)) or 'SI'}, or with a unit "
-            "of the same quantity.",
-        ) from None
 
 
 def _check_period(sample_time: float, longest: float) -> None:
@@ -378,26 +357,6 @@ def _check_noise(
                 f"--noise {role}={sigma:g}: a standard deviation is not negative",
                 remedy="Give it in SI, 0 for an exact input.",
             )
-
-
-def _pairs(
-    given: Mapping[str, tuple[float | str, float | str]] | None,
-    units_of: Mapping[str, Sequence[str]],
-) -> dict[str, tuple[float, float]]:
-    """Bounds by name as pairs of numbers in SI; ``UsageError`` for anything else."""
-    out = {}
-    for name, value in (given or {}).items():
-        what = f"--bounds {name}={shown(value)}"
-        if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
-            raise UsageError(
-                f"{what} is not a pair of numbers",
-                remedy="Give the lower and the upper end, in SI or as text with its unit.",
-            )
-        low, high = (_number(what, end, units_of.get(name, ())) for end in value)
-        if not low < high:
-            raise UsageError(f"{what}: {low:g} is not below {high:g}.")
-        out[name] = (low, high)
-    return out
 
 
 @_on_one_thread

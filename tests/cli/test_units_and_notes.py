@@ -36,7 +36,7 @@ def test_numbers_may_have_units(here: Run, valve: Log, inside: Path) -> None:
     ("--step", "comand=0:2", "--step names the role 'comand', which does not exist here"),
     ("--fix", "natural_frequency=20 bar", "unit 'bar' is a pressure"),
     ("--fix", "natural_frequency=20 furlongs", "furlongs"),
-    ("--bounds", "gain=2 kPa/V:1 kPa/V", "2000 is not below 1000"),
+    ("--bounds", "gain=2 kPa/V:1 kPa/V", "2 kPa/V is not below 1 kPa/V"),
     ("--sample-time", "2 bar", "unit 'bar' is a pressure"),
     ("--sample-time", "0 ms", "is not above zero"),
 ])  # fmt: skip

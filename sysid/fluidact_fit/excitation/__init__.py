@@ -21,12 +21,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from ..arguments import number_in_si, pair_in_si, require, shown
 from ..control import read_document
-from ..errors import UsageError
 from ..parameter_table import recorded_units
 from ..parameters import ParameterDocument
 from ..specification import quotient_unit
-from ..units.quantities import in_si
 from .command import design_command
 from .points import design_points, speed_and_place
 from .result import NOT_GIVEN, Candidate, Design, Forecast, Limits
@@ -37,29 +36,21 @@ __all__ = ["Candidate", "Design", "Forecast", "Limits", "design"]
 
 
 def _limits_in_si(task: Task, amplitude: Any, rate: Any, stroke: Any) -> Limits:
-    """The limits of a task with those that were given (``UsageError`` for a wrong unit)."""
+    """The limits of a task with those that were given (``UsageError`` for what is none)."""
     drive, output = task.drive.unit, task.output.unit
     if task.excitation.kind == "strokes":
         drive, output = (role.unit for role in speed_and_place(task))
+    slope = [quotient_unit(drive, "s")]
+
+    def pair(name: str, value: Any, unit: str) -> tuple[float, float] | None:
+        return None if value is None else pair_in_si(f"{name}={shown(value)}", value, [unit])
+
     return replace(
         task.given,
-        amplitude=_in_si("--amplitude", amplitude, drive) or NOT_GIVEN,
-        rate=_in_si("--rate", rate, quotient_unit(drive, "s")),
-        stroke=_in_si("--stroke", stroke, output),
+        amplitude=pair("--amplitude", amplitude, drive) or NOT_GIVEN,
+        rate=None if rate is None else number_in_si(f"--rate={shown(rate)}", rate, slope),
+        stroke=pair("--stroke", stroke, output),
     )
-
-
-def _in_si(option: str, value: Any, unit: str) -> Any:
-    """A limit, or both ends of one, in SI (``UsageError``)."""
-    if isinstance(value, tuple | list):
-        return tuple(_in_si(option, end, unit) for end in value)
-    try:
-        return in_si(value, unit)
-    except ValueError as error:
-        raise UsageError(
-            f"{option}={value}: {error}.",
-            remedy=f"Give a number in {unit}, or with a unit of the same quantity.",
-        ) from None
 
 
 def design(
@@ -68,8 +59,8 @@ def design(
     amplitude: tuple[float | str, float | str] | None = None,
     rate: float | str | None = None,
     stroke: tuple[float | str, float | str] | None = None,
-    duration: float | None = None,
-    sample_time: float | None = None,
+    duration: float | str | None = None,
+    sample_time: float | str | None = None,
     criterion: str = "worst",
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -86,7 +77,7 @@ def design(
     rate
         Largest slope of the driving role [SI/s], likewise; default: no limit.
     duration, sample_time
-        [s]; default: those of the file's longest log.
+        [s], likewise; default: those of the file's longest log.
     criterion
         ``"worst"`` (the largest relative standard error), ``"determinant"`` (the volume
         of the confidence ellipsoid), or the name of one parameter.
@@ -109,10 +100,18 @@ def design(
         When no excitation within the limits determines the parameters.
     """
     inputs: tuple[str, ...] = ()
+    require("text", criterion=criterion)
+    require("seed", seed=seed)
+    require("function", progress=progress or print)
+    duration, sample_time = (
+        number_in_si(f"--{name}={shown(value)}", value or 0.0, ["s"])
+        for name, value in (("duration", duration), ("sample-time", sample_time))
+    )
     if not isinstance(document, ParameterDocument):
+        require("path", document=document)
         inputs = (os.path.abspath(document),)
         document = read_document(document)
-    limits = Limits(NOT_GIVEN, None, None, duration or 0.0, sample_time or 0.0)
+    limits = Limits(NOT_GIVEN, None, None, duration, sample_time)
     task = Task(document, limits, criterion, seed, progress or (lambda message: None))
     if any(limit is not None for limit in (amplitude, rate, stroke)):
         task = replace(task, given=_limits_in_si(task, amplitude, rate, stroke))
