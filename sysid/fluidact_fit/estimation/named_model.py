@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -231,17 +231,11 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
                     remedy=f"Leave {option} {name} out, or give --fix {name}=VALUE.",
                 )
             pair = value if isinstance(value, tuple) else (value, value)
-            if pair[0] > pair[1]:
-                raise UsageError(
-                    f"{option} {name}=...: the lower end {pair[0]:g} is above the upper",
-                    remedy="Give the lower end first.",
-                )
             if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
-                given_as = ":".join(f"{end:g}" for end in dict.fromkeys(pair))
                 raise UsageError(
-                    f"{option} {name}={given_as} is outside the possible range",
+                    f"{option} {_as_given(spec, pair)} is outside the possible range",
                     expected=f"Expected {_range_of(spec)}.",
-                    remedy="Give a value inside it (SI units).",
+                    remedy="Give a value inside it, in SI or with its unit.",
                 )
     if both := sorted(request.fixed.keys() & request.start.keys()):
         raise UsageError(
@@ -251,13 +245,20 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
         )
     for option, values in (("--fix", request.fixed), ("--start", request.start)):
         for name in values.keys() & request.bounds.keys():
-            low, high = request.bounds[name]
-            if not low <= values[name] <= high:
-                said = f"--bounds {name}={low:g}:{high:g}"
+            pair, spec = request.bounds[name], by_name[name]
+            if not pair[0] <= values[name] <= pair[1]:
                 raise UsageError(
-                    f"{option} {name}={values[name]:g} lies outside {said}",
+                    f"{option} {_as_given(spec, (values[name],))} lies outside --bounds "
+                    f"{_as_given(spec, pair)}",
                     remedy="Give a value between the bounds, or leave one of the options out.",
                 )
+
+
+def _as_given(spec: ParameterSpec, values: Iterable[float]) -> str:
+    """A value of a parameter or the ends of its bounds, as an option has them, with its unit."""
+    ends = ":".join(f"{end:g}" for end in dict.fromkeys(values))
+    unit = after_number(spec.unit)
+    return f'"{spec.name}={ends}{unit}"' if unit else f"{spec.name}={ends}"
 
 
 def _range_of(spec: ParameterSpec) -> str:
