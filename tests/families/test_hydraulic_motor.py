@@ -21,12 +21,17 @@ from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.transfer_model import AT_REST
 from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
+from fluidact_fit.export.excitation import run as run_routine
+from fluidact_fit.export.rounding import error_of, inward
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
 from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
 from fluidact_fit.families.hydraulic_motor.family import HydraulicMotor
 from fluidact_fit.families.hydraulic_motor.fit import MotorOptions
+from fluidact_fit.families.hydraulic_motor.routines import MotorRoutines
 from fluidact_fit.family import Plant
 from fluidact_fit.result import FitResult
+from fluidact_fit.routines import Argument
+from fluidact_fit.routines.sharing import shared
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "data" / "hydraulic_motor"
 real = pytest.mark.skipif(
@@ -192,6 +197,20 @@ def test_inverse(command: float, direction: int) -> None:
     speed = block(command, direction)
     if float(speed) > 1e-6:
         assert float(block.inverse(speed, direction)) == pytest.approx(command, rel=1e-6)
+
+
+@pytest.mark.parametrize("curvature", [3.0, 4.0, 7.0, 20.0, 60.0])
+def test_where_the_curve_is_flat_the_inverse_holds_in_single_precision(curvature: float) -> None:
+    """Nothing was left of 1 - k y: a command 0.43 A off, or one beyond 3.4e38, and no export."""
+    command = Argument("command", "A", "command", 0.0, 7.0)
+    values = {**CURVE, "curvature": curvature}
+    _, inverse = MotorRoutines(values, command, "rad/s").curve()
+    error = error_of(inward(shared(inverse)))
+    assert error.total < 0.01  # of 7 A
+    top = inverse.arguments[0].high
+    found = float(run_routine(inverse, np.array([[[top, 0.0]]]))[0][0, 0])
+    reached = float(static_speed(np.array([found]), values)[0])
+    assert top * (1.0 - 1.1e-5) < reached < top
 
 
 def test_a_dead_time_of_more_samples_than_can_be_kept_is_refused() -> None:

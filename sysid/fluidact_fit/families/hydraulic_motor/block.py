@@ -15,7 +15,7 @@ from ...estimation.transfer_model import AT_REST
 from ...experiment import Experiment, FloatArray
 from ...routines import Routine
 from ...specification import quotient_unit
-from .equation import MotorModel, SettledModel, edges, lag, static_speed
+from .equation import LEFT, MotorModel, SettledModel, edges, lag, static_speed
 from .routines import MotorRoutines
 
 
@@ -54,6 +54,8 @@ class MotorCurve(Block):
     def inverse(self, speed: npt.ArrayLike, direction: int = 0) -> FloatArray:
         """Command for a steady speed, vectorised; cut at the saturation.
 
+        Where the curve is flat, the least command that reaches the speed but for 1e-5 of it.
+
         Parameters
         ----------
         speed
@@ -64,7 +66,7 @@ class MotorCurve(Block):
         self.watch(speed=speed)
         n, v = np.asarray(speed, dtype=float), self.numbers()
         k = v["curvature"] + 1e-12
-        share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - 1e-12)
+        share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - LEFT)
         low, high = edges(v)
         size = np.where(n > 0.0, high, -low) - np.log1p(-share) / k
         size = np.minimum(size, v.get("saturation_command", np.inf))

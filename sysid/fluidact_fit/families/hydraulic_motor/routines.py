@@ -20,7 +20,7 @@ from ...routines import (
     minimum,
     polynomial,
 )
-from .equation import edges
+from .equation import LEFT, edges
 
 _NEAR = 0.3  # k x below which a series is used: an exponential would cancel
 _TERMS = 14  # of the series; the first one left out is below 1e-9 of it
@@ -38,9 +38,14 @@ def _bend(x: Expression, k: float, most: float) -> Expression:
 
 
 def _unbend(y: Expression, k: float, most: float) -> Expression:
-    """Inverse of :func:`_bend` for ``0 <= y <= most``: ``-log(1 - k y) / k``."""
+    """Inverse of :func:`_bend` for ``0 <= y <= most``: ``-log(1 - k y) / k``.
+
+    In single precision nothing is left of ``1 - k y`` where the curve is flat.
+    """
     if k * most >= _NEAR:
-        return log(1.0 - y * constant("curvature", k)) * constant("per_curvature", -1.0 / k)
+        left = 1.0 - y * constant("curvature", k)
+        left = maximum(left, LEFT) if 1.0 - k * most < LEFT else left
+        return log(left) * constant("per_curvature", -1.0 / k)
     return y * polynomial([k**n / (n + 1.0) for n in range(_TERMS)], y, "unbend")
 
 
