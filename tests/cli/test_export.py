@@ -252,3 +252,27 @@ def test_a_range_of_a_single_value_is_refused(
     done = here("export", "point.yaml", "--to", to)
     assert done.status == 2
     assert "inlet, whose range is the single value" in done.err
+
+
+@pytest.mark.parametrize(("to", "name"), [("c", "flat.h"), ("st", "flat.st")])
+def test_an_inverse_without_a_range_is_left_out(
+    to: str, name: str, inside: Path, here: Run
+) -> None:
+    """A calibration that is constant has a position at every reading: all of it was refused."""
+    import yaml
+
+    raw = yaml.safe_load((GOLDEN / "potentiometer.yaml").read_text(encoding="utf-8"))
+    for entry in raw["parameters"].values():
+        entry["status"] = "fixed"
+        for key in ("std_error", "ci95", "method"):
+            entry.pop(key, None)
+    raw["parameters"]["control_points"]["value"] = [0.03] * 4
+    del raw["covariance"], raw["derived"]
+    curve = raw["model"]["curve"]
+    curve["ascending_numerator"] = [0.03 * x for x in curve["ascending_denominator"]]
+    (inside / "flat.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
+    done = here("export", "flat.yaml", "--to", to, "-o", "out")
+    assert done.status == 0, done.err
+    text = (inside / "out" / name).read_text(encoding="utf-8")
+    assert "LEFT OUT: reading_at, a function of position, whose range is the single" in text
+    assert text.count("reading_at") == 1

@@ -17,7 +17,7 @@ from ..families import get_family
 from ..options import describe
 from ..parameters.document import Parameter
 from ..specification import ParameterSpec
-from .target import Code, Entry, Job, Plain, plain_text, refuse_empty_ranges
+from .target import Code, Entry, Job, Plain, plain_text, with_ranges
 
 
 def flatten(block: Block) -> list[Entry]:
@@ -39,10 +39,10 @@ def nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 def code_of(job: Job) -> Code:
     """Everything that a controller calls of a block, and its parameters."""
-    block, routines = job.block, tuple(job.block.routines())
-    refuse_empty_ranges(job.file, routines)
+    block = job.block
+    routines, left_out = with_ranges(job.file, block.routines())
     return Code(
-        job.name, job.file, block.family, routines, job.arithmetic, job.remarks,
+        job.name, job.file, block.family, routines, job.arithmetic, (*job.remarks, *left_out),
         tuple(parameters_of(block)), f"Verdict of the fit: {block.verdict}.",
         (job.origin,) if job.origin else (),
     )  # fmt: skip

@@ -230,17 +230,29 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-def refuse_empty_ranges(name: str, routines: Iterable[Routine]) -> None:
-    """Refuse a function of an argument that has no range (``UsageError``)."""
+def with_ranges(name: str, routines: Iterable[Routine]) -> tuple[tuple[Routine, ...], list[str]]:
+    """The functions whose arguments have a range, and remarks on those that are left out.
+
+    ``UsageError`` where the first one, which is the model itself, has an argument without.
+    """
+    kept: list[Routine] = []
+    remarks = []
     for r in routines:
         for a in r.arguments:
-            if not float(np.float32(a.low)) < float(np.float32(a.high)):
+            if float(np.float32(a.low)) < float(np.float32(a.high)):
+                continue
+            said = f"{a.name}, whose range is the single value {a.low + 0.0:.9g} {a.unit}"
+            if not kept:
                 raise UsageError(
-                    f"{r.name} of {name} is a function of {a.name}, whose range is the single "
-                    f"value {a.low + 0.0:.9g} {a.unit}.",
+                    f"{r.name} of {name} is a function of {said}.",
                     remedy="Fit logs in which it varies, or export the numbers alone: --to json, "
                     "ros2 or matlab.",
                 )
+            remarks.append(plain_text(f"LEFT OUT: {r.name}, a function of {said}"))
+            break
+        else:
+            kept.append(r)
+    return tuple(kept), remarks
 
 
 def remarks_of(block: Block) -> Iterable[str]:
