@@ -235,7 +235,7 @@ def test_linear_potentiometer_with_clipped_ends() -> None:
     data = np.loadtxt(DATA / "linpot/linear_pot_adc.csv", skiprows=1, delimiter=",")
     log = experiment(data[:, 1], data[:, 0] * 1e-3)
     whole, clipped = fit(log), fit(log, rails=(0.0, 1022.0))
-    assert codes(whole) == ["rails-suspected", "rails-suspected", "one-direction"]
+    assert codes(whole) == ["rails-suspected", "one-direction"]
     assert codes(clipped) == ["rails", "rails", "one-direction"]
     for found in (whole, clipped):
         assert np.isnan(found.measured[0][[0, -1]]).all()
@@ -605,6 +605,17 @@ def test_a_lone_clipped_end_is_warned_of_with_rails_that_can_be_given() -> None:
     assert np.isnan(fit(experiment(reading, reference)).measured[0][0])
     kept = fit(experiment(reading, reference), rails=(-96.0, 1056.0))
     assert np.isfinite(kept.measured[0][0])
+
+
+def test_two_clipped_ends_are_one_warning() -> None:
+    """It was written twice."""
+    reading = np.array([0.0, 2.0, *range(60, 1000, 60), 1021.0, 1023.0])
+    reference = 1e-5 * reading + 2e-6 * np.sin(17.0 * reading)
+    reference[[0, -1]] = -6e-4, 0.0112
+    (notice,) = [n for n in fit(experiment(reading, reference)).notices if "rails" in n.code]
+    assert notice.code == "rails-suspected"
+    assert "readings 0 (1 sample) and 1023 (1 sample) look clipped" in notice.message
+    assert "--rails -102.3:1125.3 " in notice.message
 
 
 # ------------------------------------------- positions, misfit, directions: what is said of them

@@ -266,6 +266,7 @@ def _settle_rails(
     margin = 0.1 * (ends[1] - ends[0])
     widest = (ends[0] - margin, ends[1] + margin)
     rails = list(given or widest)
+    suspected = []
     for k, sign in enumerate((1.0, -1.0)):
         at = rails[k] if given else ends[k]
         kind = "rails" if given else _how_clipped(x, y, at)
@@ -284,12 +285,17 @@ def _settle_rails(
                 "clipped reading says nothing about the position.",
             ))  # fmt: skip
         else:
-            notices.append(Notice(
-                "rails-suspected",
-                f"the extreme reading {at:g} looks clipped, as its position does not follow from "
-                f"the readings beside it: {samples} left out. Give "
-                f"--rails {widest[0]:g}:{widest[1]:g} to keep all.",
-            ))  # fmt: skip
+            suspected.append(f"{at:g} ({samples})")
+    if suspected:
+        ends_look, whose = "reading {} looks", "its position does"
+        if len(suspected) > 1:
+            ends_look, whose = "readings {} look", "their positions do"
+        notices.append(Notice(
+            "rails-suspected",
+            f"the extreme {ends_look.format(' and '.join(suspected))} clipped, as {whose} not "
+            "follow from the readings beside: left out. Give "
+            f"--rails {widest[0]:g}:{widest[1]:g} to keep all.",
+        ))  # fmt: skip
     return ((rails[0], rails[1]) if given or notices else None), notices
 
 
