@@ -122,3 +122,18 @@ def test_what_goes_away_midway(
     again = (tmp_path / "ran.txt").read_text().split()
     assert {*ran, *again} == {job.name for job in jobs}
     assert len(again) <= 56
+
+
+def test_a_job_that_the_scheduler_gives_to_another_worker_replaces_its_own_file(
+    tmp_path: Path,
+) -> None:
+    """It found the file that the worker wrote before it died, and refused it."""
+    (tmp_path / "a.csv").touch()
+    job = Job("j", "line", ("a.csv",), ("late",))
+    with (
+        _scheduler() as (_, address), _worker(address), _worker(address),
+        dask_pool(address, None, 1) as pool,
+    ):  # fmt: skip
+        (outcome,) = run_batch([job], tmp_path, tmp_path / "out", note, pool)
+    assert outcome.exit == 0
+    assert (tmp_path / "ran.txt").read_text().split() == ["j", "j"]

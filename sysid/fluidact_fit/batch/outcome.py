@@ -50,10 +50,8 @@ class Task:
     refusal
         Why it must not run; empty where it may.
     replace
-        Whether files that are there may be replaced: they are of this batch.
-    claimed
-        Whether its files belong to the batch: a file left by an attempt whose process died may be
-        replaced.
+        Whether its files are the batch's own: one that is there when it runs, such as that of an
+        attempt whose process died, is replaced.
     """
 
     job: str
@@ -66,7 +64,6 @@ class Task:
     replace_any: bool = False
     refusal: str = ""
     replace: bool = False
-    claimed: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:

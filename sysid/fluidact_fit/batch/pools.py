@@ -13,7 +13,6 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from typing import Protocol
@@ -51,8 +50,7 @@ class LocalPool:
         waiting = deque(tasks)
         while waiting:
             # Any of the lost may have ended the process: each is tried once more, by itself.
-            lost = yield from self._round(execute, waiting, self.workers, _AHEAD)
-            suspects = deque(replace(t, replace=t.replace or t.claimed) for t in lost)
+            suspects = deque((yield from self._round(execute, waiting, self.workers, _AHEAD)))
             while suspects:
                 for task in (yield from self._round(execute, suspects, 1, 1)):
                     yield died(task, "twice")

@@ -145,9 +145,7 @@ class _Work:
             if why:
                 self._refuse(task, refused(task, why, remedy))
             else:
-                # where no file is there, one that appears from here on is somebody else's
-                present = any(map(os.path.lexists, task.files))
-                allowed.append(replace(task, replace=present and not taken, claimed=not taken))
+                allowed.append(replace(task, replace=not taken))
                 files += (path for path in task.files if path not in taken)
         self.journal.claim(map(self._name, files))
         return allowed
