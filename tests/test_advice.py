@@ -216,6 +216,21 @@ def test_columns_without_names_and_units_are_listed_as_candidates(tmp_path: Path
     assert not is_clear(found)
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_of_a_raw_reading_and_its_computed_copy_the_copy_is_taken(
+    tmp_path: Path, order: tuple[int, int]
+) -> None:
+    """The voltage was kept and the position dropped, if it stood behind it."""
+    t = 0.01 * np.arange(400)
+    volts = 2.5 + np.sin(0.7 * t) + 1e-3 * np.random.default_rng(2).standard_normal(t.size)
+    columns, names = (volts, 12.0 * volts), ("sensor [V]", "x [mm]")
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([t, *(columns[k] for k in order)]), delimiter=",",
+               header=",".join(["time [s]", *(names[k] for k in order)]), comments="")  # fmt: skip
+    (found,) = suggest([ff.read_log(path)], ["log.csv"], "hydrostatic", trial=False)
+    assert dict(found.columns) == {"position": f"#{2 + order.index(1)}"}
+
+
 def test_a_unit_that_is_known_leaves_the_other_columns(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     columns = [0.01 * np.arange(600), *rng.normal(size=(3, 600))]

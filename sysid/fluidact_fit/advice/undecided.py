@@ -13,7 +13,7 @@ from ..families import get_family
 from ..logs import Log
 from ..logs.log import Column, name_columns
 from ..specification import Role, Variant
-from ..units import dimension_name, unit_doubt
+from ..units import dimension_name, same_dimension, unit_doubt
 from .assignment import (
     MEASURED,
     UNKNOWN,
@@ -192,9 +192,14 @@ def _basis(candidates: Mapping[str, Sequence[Column]]) -> str:
 
 
 def _without_copies(signals: Sequence[Column]) -> list[Column]:
-    """Columns less those that were computed from an earlier one."""
+    """Columns less copies: of those computed from each other the first in a physical unit."""
     out: list[Column] = []
-    for column in signals:
+    for column in sorted(signals, key=_is_raw):
         if all(factor_between(c.values, column.values) is None for c in out):
             out.append(column)
-    return out
+    return sorted(out, key=lambda c: c.index)
+
+
+def _is_raw(column: Column) -> bool:
+    """Return whether a converter may have read a column: a plain number, a voltage, a current."""
+    return column.unit is None or any(same_dimension(column.unit, u) for u in ("1", "V", "A"))
