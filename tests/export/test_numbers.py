@@ -80,6 +80,16 @@ def test_mat(parameter_file: Path, tmp_path: Path) -> None:
         assert bits(getattr(model.validity[0, 0], role)) == bits([covered["low"], covered["high"]])
 
 
+def test_a_reader_of_the_function_sees_units(parameter_file: Path, tmp_path: Path) -> None:
+    """They stood in a list of their own alone."""
+    text = exported(parameter_file, "matlab", tmp_path)["m"].read_text(encoding="ascii")
+    due = yaml.safe_load(parameter_file.read_text(encoding="utf-8"))
+    for name, entry in due["parameters"].items():
+        _, _, rest = text.partition(f"\n  model.parameters.{name} = ")
+        behind = rest.partition("\n  model.")[0].rpartition(";")[2]
+        assert behind == ("" if entry["unit"] == "1" else f"  % {entry['unit']}")
+
+
 def test_the_same_file_gives_the_same_bytes(parameter_file: Path, tmp_path: Path) -> None:
     for to in ("json", "ros2", "matlab"):
         first = export([parameter_file], to, tmp_path / "first")

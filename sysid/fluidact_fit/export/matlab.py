@@ -18,6 +18,8 @@ from .target import Job, plain_text
 
 _ACROSS = 6  # numbers on a line
 _LINEAR = ("continuous", "discrete")  # which become transfer functions
+# Where the units of some numbers stand
+_UNITS = {"parameters": "units", "std_errors": "units", "validity": "validity_units"}
 _HEADER = 116  # bytes of text at the head of a .mat file
 
 
@@ -103,17 +105,21 @@ def _function(job: Job, content: Mapping[str, Any]) -> Iterator[str]:
     if job.origin:
         yield from (f"%   {line}" for line in job.origin.lines())
     yield from (f"%   {remark}" for remark in job.remarks)
-    yield from _assignments("model", {k: v for k, v in content.items() if k not in _LINEAR})
+    for key, value in content.items():
+        if key not in _LINEAR:
+            yield from _assignments(f"model.{key}", value, content.get(_UNITS.get(key, ""), {}))
     yield from _linear(content)
     yield "end"
 
 
-def _assignments(place: str, value: Any) -> Iterator[str]:
+def _assignments(place: str, value: Any, units: Mapping[str, str]) -> Iterator[str]:
+    """Yield the lines of a value, numbers with their unit behind."""
     if not isinstance(value, Mapping):
-        yield f"  {place} = {_value(value)};"
+        unit = units.get(place.rpartition(".")[2], "1")
+        yield f"  {place} = {_value(value)};{f'  % {unit}' if unit != '1' else ''}"
         return
     for key, part in value.items():
-        yield from _assignments(f"{place}.{key}", part)
+        yield from _assignments(f"{place}.{key}", part, units)
 
 
 def _linear(content: Mapping[str, Any]) -> Iterator[str]:
