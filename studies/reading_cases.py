@@ -136,7 +136,7 @@ UNITS = [
     Case(
         "header `pressureMPa`", "SI, 10⁶ times wrong",
         'sed "1s~p_valve (bar)~pressureMPa~" datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column time=#1 --column inlet=#2 --column outlet=#3 -o u.yaml',
-        3, r"may be in 'MPa', which stands in the middle of its name",
+        3, r"may be in 'MPa', which appears in the middle of its name",
     ),
     Case(
         "names between semicolons, rows between commas", "names and units gone, SI",

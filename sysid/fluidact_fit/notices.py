@@ -136,7 +136,7 @@ _READING = {
         "Record at the rate of the slowest channel, or each channel with its own time.",
     ),
     "recording-cut": _warning(
-        "The file ends before the recording that it states; what stands before the cut was read.",
+        "The file ends before the recording that it states; what precedes the cut was read.",
         "Copy the file again, or check how the recording ended and what is missing.",
     ),
     "rows-above-table": _warning(

@@ -75,7 +75,7 @@ def test_one_channel_and_its_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "told"),
     [
-        ([*TOP, "Resolution; fine", *channel(0, "p")], "no unit of time"),
+        ([*TOP, "Resolution; fine", *channel(0, "p")], "not a unit of time"),
         ([*TOP, *channel(0, "p")[:4]], "without samples"),
         ([*TWO, "2.Variable; GVL.r", "2.Class; 14"], "channel 2 without '2.Data'"),
         ([*TOP, *channel(0, "p"), *channel(1, "q")[1:]], "channel 1 without a name"),

@@ -74,7 +74,7 @@ def test_a_column_with_a_unit_in_its_name_is_refused_until_the_unit_is_said(
 def test_units_in_a_column_of_their_own_are_not_dropped(tmp_path: Path) -> None:
     path = tmp_path / "log.txt"
     path.write_text("\n".join(f"{k * 10},ms,{math.sin(k):.4f},kN" for k in range(30)))
-    with pytest.raises(LogError, match=r"may be in 'kN', which stands in column #4"):
+    with pytest.raises(LogError, match=r"may be in 'kN', which appears in column #4"):
         bind_role(read_log(path, columns={"force": "#3"}), FORCE)
 
 

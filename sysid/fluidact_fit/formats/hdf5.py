@@ -45,7 +45,7 @@ class _Reader:
         """Everything in a group, groups within it included."""
         if depth > DEEPEST:
             raise LogError(
-                f"groups stand within one another more than {DEEPEST} deep.",
+                f"groups are nested more than {DEEPEST} deep.",
                 remedy="Export the recording again.",
             )
         names = list(group)

@@ -44,7 +44,7 @@ def read(path: str, sink: Sink) -> None:
             _take(sink, group, channel, bases, after, since)
     if cut:
         told = f" ({', '.join(short[:6])})" if short else ""
-        sink.notice("recording-cut", f"{cut}{told}; what stands before it was read")
+        sink.notice("recording-cut", f"{cut}{told}; what precedes it was read")
 
 
 def _take(

@@ -119,7 +119,7 @@ def _gather(blocks: Callable[[], Iterator[bytes]], budget: Budget) -> bytes:
 def _damaged(error: Exception, name: str) -> LogError:
     if name.lower().endswith(_WORKBOOKS):
         return LogError(
-            "this is no workbook, whatever its name says, or a damaged one.",
+            "this is not a workbook, whatever its name says, or it is damaged.",
             where=name,
             remedy="Open it in the program that wrote it, and export the table as CSV.",
         )

@@ -175,7 +175,7 @@ class _Assembly:
             notices.append(Notice("variables-left-out", f"{self.name}: {self._missed()}."))
         if self.invalid:
             text = "; ".join(self.invalid[:_SHOWN])
-            text = f"{self.name}: samples that are no numbers are not used: {text}."
+            text = f"{self.name}: non-numeric samples are not used: {text}."
             notices.append(Notice("samples-invalid", text))
         how = dict(self.recording.converted)
         read = [Element(c.header, "read", "") for c in columns]
@@ -310,9 +310,9 @@ class _Assembly:
                 times = times + (v.since - first) / 1e9
             if not np.isfinite(times).all():
                 raise LogError(
-                    f"'{self._label(base)}' holds values that are no instants.",
+                    f"'{self._label(base)}' holds values that are not times.",
                     where=self.name,
-                    expected="Expected instants in order, as there are several time bases.",
+                    expected="Expected times in order, as there are several time bases.",
                     remedy="Export every time base to a file of its own.",
                 )
             held = [k for k in self.channels if base_of[k] == base and k != base]

@@ -126,7 +126,7 @@ def _unit_of_time(top: Mapping[str, str], name: str) -> str:
         unit = value.removeprefix("1 ").strip()
         if not same_dimension(unit, "s"):
             raise LogError(
-                f"'{key}' of the trace is '{value[:40]}', which is no unit of time.",
+                f"'{key}' of the trace is '{value[:40]}', which is not a unit of time.",
                 where=name,
                 expected="Expected one such as ms or us.",
                 remedy="Correct the line, or remove it if the instants are in ms.",

@@ -322,7 +322,7 @@ def _refuse_stray_unit(log: Log, column: Column, role: Role, where: str) -> None
     for unit, place in found:
         if unit is not None:
             raise LogError(
-                f"it may be in '{unit}', which stands {place}.",
+                f"it may be in '{unit}', which appears {place}.",
                 where=where,
                 expected=f"Expected a unit behind the name, as in '[{unit}]'.",
                 remedy=f"Give --unit {role.name}={unit} if that is its unit, "

@@ -367,7 +367,7 @@ def _no_table(name: str, written: Written, skipped: int = 0) -> LogError:
     remedy = "Open the file in an editor, and export it again as CSV if it is something else."
     if signs:
         options = " and ".join(option for option, _ in signs)
-        remedy = f"Leave {options} out, or name the sign that stands in the file."
+        remedy = f"Leave {options} out, or name the sign that is in the file."
     return LogError(
         "no table of numbers was found"
         + (f" below line {skipped}" if skipped else "")

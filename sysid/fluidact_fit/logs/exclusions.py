@@ -65,7 +65,7 @@ def parse_constant(role: str, text: str) -> tuple[float, str | None]:
     found = re.fullmatch(rf"\s*((?>{_NUMBER}))\s*(\S.*)?", str(text))
     if found is None or not math.isfinite(float(found[1])):
         raise UsageError(
-            f"--set {role}={text} is no number.",
+            f"--set {role}={text} is not a number.",
             expected="Expected a number, and its unit where it is not SI.",
             remedy=f"Give for example --set '{role}=25 %'.",
         )
@@ -77,7 +77,7 @@ def find_in_name(role: str, template: str, name: str) -> tuple[float, str | None
     found = re.fullmatch(r"([^{}]*)\{([^{}]*)\}([^{}]*)", template)
     if found is None or not (found[1] or found[3]):
         raise UsageError(
-            f"--from-name {role}={template} does not say where the number stands.",
+            f"--from-name {role}={template} does not say where the number is.",
             expected="Expected the text around it, and braces with the unit in its place.",
             remedy=f"Give for example --from-name '{role}=kinked{{%}}'.",
         )

@@ -118,7 +118,7 @@ def _parsed(data: bytes, where: str, *, quiet: bool = False) -> Any:
     except json.JSONDecodeError as error:
         problem = f"{error.msg}, line {error.lineno}, column {error.colno}"
     except _RepeatedError as error:
-        problem = f"the key '{str(error)[:60]}' stands twice in one object"
+        problem = f"the key '{str(error)[:60]}' appears twice in one object"
     if quiet:
         return None
     raise _refusal(f"the JSON cannot be read: {problem}.", where, "Expected valid JSON.")
@@ -400,7 +400,7 @@ def _as_text(source: Source, table: _Table, kind: str) -> tuple[Source, Layout]:
     unknown = [key for key in table.units if key not in table.names]
     if unknown:
         raise _refusal(
-            f"a unit of '{unknown[0][:60]}', which is no column.", source.name,
+            f"a unit of '{unknown[0][:60]}', which is not a column.", source.name,
             f"The columns are {', '.join(table.names[:12])}.", "Correct the name.",
         )  # fmt: skip
     lines = []

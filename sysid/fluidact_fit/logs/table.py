@@ -207,8 +207,8 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
         notices.append(
             Notice(
                 "header-again",
-                f"{source.name}: the header stands again on {name_lines(again)}; a new run "
-                "begins where the time starts again.",
+                f"{source.name}: the header is repeated on {name_lines(again)}; a new run "
+                "begins where the time starts over.",
             )
         )
     left_out = [

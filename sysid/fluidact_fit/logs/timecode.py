@@ -49,7 +49,7 @@ def read_fourth(stamps: Sequence[Stamp | None]) -> Reading:
     if in_days and said:
         return Reading(_each(stamps, _in_days).stamps, days=True)
     if fractions:
-        return Reading([], doubt="are no times of day")
+        return Reading([], doubt="are not times of day")
     if last.max() >= 100:
         size = next((size for base, size in _PARTS.items() if last.max() < base), 0)
         if size:
