@@ -110,3 +110,12 @@ def test_settings_without_instants_are_refused(
     path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
     with pytest.raises(LogError, match=message):
         read_log(path)
+
+
+def test_settings_without_a_value_are_the_usual_ones(tmp_path: Path) -> None:
+    """A key with empty cells broke the reader down."""
+    empty = [line.split(",")[0] + ",," if k in (3, 9, 10) else line for k, line in enumerate(HEAD)]
+    rows = [f",{0.5 * (k % 5):.4f},{k}" for k in range(100)]
+    path = tmp_path / "000.csv"
+    path.write_text("\n".join([*empty, *rows]) + "\n", encoding="utf-8")
+    np.testing.assert_allclose(read_log(path).columns[0].values, np.arange(100.0))

@@ -40,9 +40,7 @@ def lay_out(source: Source) -> Layout | None:
     if len(rows) > 1 and rows[0][0] == "X" and rows[1][0] == "Sequence":
         return _lay_out_numbered(rows[0], rows[1], source.name)
     keys = {row[0]: k for k, row in enumerate(rows) if row[0] and number_of(row[0]) is None}
-    if {"TraceName", "VUnit", "HResolution"} <= keys.keys():
-        return _lay_out_traces(rows, keys, source.name)
-    return None
+    return _lay_out_traces(rows, keys, source.name)
 
 
 def _lay_out_settings(rows: list[list[str]]) -> Layout:
@@ -84,8 +82,12 @@ def _lay_out_numbered(names: list[str], units: list[str], name: str) -> Layout |
 
 
 def _lay_out_traces(rows: Sequence[list[str]], keys: dict[str, int], name: str) -> Layout | None:
-    """The layout of an export with a line per setting of its traces, ``None`` without samples."""
-    settings = {key: list(filter(None, rows[k][1:])) for key, k in keys.items()}
+    """The layout of an export with a line per setting of its traces, ``None`` of any other file."""
+    said = {key: list(filter(None, rows[k][1:])) for key, k in keys.items()}
+    settings = {"BlockNumber": ["1"], "HOffset": ["0"], "HUnit": ["s"]}
+    settings |= {key: cells for key, cells in said.items() if cells}
+    if not {"TraceName", "VUnit", "HResolution"} <= settings.keys():
+        return None
     first = max(keys.values()) + 1
     first = next((k for k in range(first, len(rows)) if any(rows[k])), 0)
     names, units = settings["TraceName"], settings["VUnit"]
@@ -95,7 +97,7 @@ def _lay_out_traces(rows: Sequence[list[str]], keys: dict[str, int], name: str) 
     steps = set(settings["HResolution"])
     if not first or columns != len(names) or len(units) != len(names) or len(steps) != 1:
         return None
-    if settings.get("BlockNumber", ["1"])[0] != "1":
+    if settings["BlockNumber"][0] != "1":
         raise LogError(
             f"{settings['BlockNumber'][0]} blocks of samples in one file.",
             where=f"{name}, line {keys['BlockNumber'] + 1}",
@@ -103,8 +105,8 @@ def _lay_out_traces(rows: Sequence[list[str]], keys: dict[str, int], name: str) 
             remedy="Export every block to a file of its own.",
         )
     counted = _count(
-        settings.get("HOffset", ["0"])[0], steps.pop(), settings.get("HUnit", ["s"])[0],
-        first_row=first, where=f"{name}, line {keys['HResolution'] + 1}",
+        settings["HOffset"][0], steps.pop(), settings["HUnit"][0], first_row=first,
+        where=f"{name}, line {keys['HResolution'] + 1}",
     )  # fmt: skip
     return Layout(
         delimiter=",",
