@@ -63,7 +63,7 @@ def test_numbered_samples_have_the_instants_that_are_written_once(tmp_path: Path
     np.testing.assert_allclose(log.columns[0].values, -2e-3 + 1e-4 * np.arange(100), atol=1e-12)
     np.testing.assert_allclose(log.columns[2].values, np.arange(100.0))
     path.write_text("\n".join([head[0], "Sequence,Volt,Volt,?,0", *rows]), encoding="utf-8")
-    with pytest.raises(LogError, match=r"line 2.*no times follow from a start of '\?'"):
+    with pytest.raises(LogError, match=r"line 2.*no times follow from start '\?'"):
         read_log(path)
 
 
@@ -96,8 +96,8 @@ def test_settings_of_every_trace_above_the_samples(tmp_path: Path, form: str) ->
 @pytest.mark.parametrize(
     ("line", "instead", "message"),
     [
-        (10, '"HUnit","Hz","Hz"', r"line 9: no times follow from a start of '-2\.0e\+01'"),
-        (8, '"HResolution",0,0', r"line 9: no times follow .* step of '0' \[ms\]"),
+        (10, '"HUnit","Hz","Hz"', r"line 9: no times follow from start '-2\.0e\+01'"),
+        (8, '"HResolution",0,0', r"line 9: no times follow .* step '0' \[ms\]"),
         (3, '"BlockNumber",3', r"line 4: 3 blocks of samples"),
     ],
 )

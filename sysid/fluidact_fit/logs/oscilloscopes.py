@@ -129,8 +129,7 @@ def _count(start: str, step: str, unit: str, *, first_row: int, where: str) -> C
     first, between = number_of(start), number_of(step)
     if first is None or between is None or between <= 0.0 or not same_dimension(unit, "s"):
         raise LogError(
-            f"no times follow from a start of '{start[:40]}' and a step of '{step[:40]}' "
-            f"[{unit[:40]}].",
+            f"no times follow from start '{start[:40]}' and step '{step[:40]}' [{unit[:40]}].",
             where=where,
             expected="Expected two numbers in seconds, the step above zero.",
             remedy=f"Export it again, or give --skip-rows {first_row} and --sample-time SECONDS.",
