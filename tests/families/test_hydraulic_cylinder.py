@@ -29,7 +29,7 @@ from fluidact_fit.families.hydraulic_cylinder.gray_box import (
     SLOPES,
     GrayBox,
     GrayLog,
-    GrayProblem,
+    GrayPoint,
     make_gray_log,
     solve_gray_box,
 )
@@ -197,12 +197,12 @@ def reversal() -> GrayLog:
 
 def test_a_search_comes_from_far_away() -> None:
     log = reversal()
-    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
+    box = GrayBox.following([log], MACHINE, {"viscous": 3600.0})
     free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
     start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
     unknowns = [Unknown(n, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
-    problem = GrayProblem(box, [log], unknowns, np.array([2e4, 2e4, 5e-5]))
-    end = solve_gray_box(problem, start)
+    begin = GrayPoint.of(box, [log], np.array([2e4, 2e4, 5e-5]), start)
+    end = solve_gray_box(replace(begin, free=unknowns))
     assert end.converged
     for n in free:
         assert end.point.values[n] == pytest.approx(truth()[n], rel=0.05)
@@ -222,7 +222,7 @@ def test_friction_sticks_slips_and_turns_like_an_independent_simulation(coulomb:
     command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
     rows = attacks.simulate(plant, time, command)
     log = gray_log(np.column_stack((time, command, rows)))
-    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
+    box = GrayBox.following([log], MACHINE, {"viscous": 3600.0})
     states = box.simulate(log, np.append(rows[0], 0.0), plant.truth())
     assert np.sum(np.diff(np.flatnonzero(states[:, 3] == 0.0)) > 1) >= 2  # it stuck and broke away
     assert np.abs(states[:, :3] - rows).max(axis=0) == pytest.approx(0.0, abs=3e3)
@@ -249,7 +249,7 @@ def test_sensitivities_go_through_stops_and_break_aways(
     command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
     rows = attacks.simulate(plant, time, command)
     log = gray_log(np.column_stack((time, command, rows)))
-    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
+    box = GrayBox.following([log], MACHINE, {"viscous": 3600.0})
     start, values = np.append(rows[0], 0.0), plant.truth()
     slopes = box.slopes(log, start, values)[1:]
     noise = np.array([2e4, 2e4, 5e-5])
@@ -267,7 +267,7 @@ def test_sensitivities_go_through_stops_and_break_aways(
 def test_a_piston_at_rest_forgets_the_speed_that_it_was_said_to_have() -> None:
     rows = exact(np.zeros(60))
     log = gray_log(rows)
-    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
+    box = GrayBox.following([log], MACHINE, {"viscous": 3600.0})
     start = np.append(rows[0, 2:], 0.0)
     assert np.all(box.slopes(log, start, truth())[1:, :, 3] == 0.0)
     assert np.all(box.simulate(log, start, truth())[:, 3] == 0.0)

@@ -304,7 +304,7 @@ def test_sticking_and_slipping_is_that_of_located_events(
     due = by_events(m, time, command)
     assert np.sum(np.diff(np.flatnonzero(due[:, 3] == 0.0)) > 1) >= 2  # it stuck and broke away
     log = bare_log(time, command, due[0])
-    box = GrayBox.following([log], machine(m), m.viscous, 0.86 * rise / speed)
+    box = GrayBox.following([log], machine(m), m.truth())
     found = box.simulate(log, due[0], m.truth())
     assert np.abs(found - due)[:, :2].max() < 3e3  # Pa; orifices are rounded off below 0.1 bar
     assert np.abs(found - due)[:, 2].max() < 1e-6
@@ -316,7 +316,7 @@ def test_no_rise_moves_as_the_model_without() -> None:
     time, command = slow_and_fast(PLANT, 200)
     start = np.append(hydraulic.simulate(PLANT, time[:2], command[:2])[0], 0.0)
     log = bare_log(time, command, start)
-    box = GrayBox.following([log], machine(PLANT), PLANT.viscous, 0.0)
+    box = GrayBox.following([log], machine(PLANT), {"viscous": PLANT.viscous})
     values = replace(PLANT, stiction=0.0).truth()
     without = {n: v for n, v in values.items() if n not in BOTH}
     assert np.array_equal(box.simulate(log, start, values), box.simulate(log, start, without))

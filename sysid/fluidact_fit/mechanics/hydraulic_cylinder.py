@@ -132,16 +132,16 @@ class HydraulicMachine:
         place = np.array(position)
         return sum(self.area(i) ** 2 / float(self.volume(i, place)) for i in (1, 2))
 
-    def step_rate(self, values: Values) -> float:
+    def step_rate(self, values: Values, position: float = 0.0, a_period: float = 40.0) -> float:
         """Runge-Kutta steps per second that follow the motion.
 
-        40 in the oil's own period, the piston between both chambers at position 0, 2 in the time
-        in which a speed grows ``e``-fold where friction falls with it, and 1 in that in which
+        So many in the oil's own period, the piston between both chambers at a position, 2 in the
+        time in which a speed grows ``e``-fold where friction falls with it, and 1 in that in which
         viscous friction stops it.
         """
         mass, fall = self.mass or 1.0, FrictionLaw.of(values).fall
-        oil = sqrt(values["bulk_modulus"] * self.stiffness(0.0) / mass) / (2.0 * pi)
-        return max(40.0 * oil, 2.0 * fall / mass, values["viscous"] / mass)
+        oil = sqrt(values["bulk_modulus"] * self.stiffness(position) / mass) / (2.0 * pi)
+        return max(a_period * oil, 2.0 * fall / mass, values["viscous"] / mass)
 
     @property
     def complete(self) -> bool:

@@ -25,7 +25,6 @@ from ...estimation.uncertainty import (
 )
 from ...experiment import Experiment, FloatArray
 from ...mechanics.coupled import InPlace, motion
-from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import SYSTEM, THETA, HydraulicMachine, parameter_vector
 from ...signals import smooth
 from .windows import mean_command
@@ -33,8 +32,7 @@ from .windows import mean_command
 CHANNELS = ("pressure_1", "pressure_2", "position")
 SLOPES = THETA[: THETA.index(EXPONENT)]  # parameters by which the states are differentiated
 _LONGEST = 5e-4  # s: Runge-Kutta step
-_FALL = 0.5  # growth of a speed over a step where friction falls with it
-_ANGLE = 0.3  # rad of the pressure resonance that a step may turn
+_A_PERIOD = 21.0  # steps in one of the pressure resonance: a step turns it by 0.3 rad
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
 _SEGMENT = 50  # samples that are integrated in one call
@@ -84,20 +82,13 @@ def make_gray_log(e: Experiment, machine: HydraulicMachine) -> GrayLog:
     half = max(2, round(0.006 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, 2 * half, 3)
     measured, guess = np.zeros((3, e.samples)), np.zeros((e.samples, 4))
-    guess[:, 2], guess[:, 3] = motion.value, motion.rate
+    guess[:, :2], guess[:, 2], guess[:, 3] = machine.at_rest(0.0)[:2], motion.value, motion.rate
     codes = [0.0, 0.0, 0.0]
     for k, role in enumerate(CHANNELS):
         if role in e:
             measured[k], codes[k] = e.sampled(role), e.signals[role].resolution
             if k < 2:
                 guess[:, k] = smooth(measured[k], e.sample_time, max(1, half // 2), 2).value
-    inertia = (machine.mass or 0.0) * motion.curvature
-    if CHANNELS[0] not in e and CHANNELS[1] not in e:
-        guess[:, 0] = machine.at_rest(0.0)[0]
-    if CHANNELS[1] not in e:
-        guess[:, 1] = (guess[:, 0] * machine.area(1) - inertia) / machine.area(2)
-    elif CHANNELS[0] not in e:
-        guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
     return GrayLog(mean_command(e), np.diff(e.time), measured, guess, codes)
 
@@ -111,19 +102,13 @@ class GrayBox:
 
     @classmethod
     def following(
-        cls, logs: Sequence[GrayLog], machine: HydraulicMachine, viscous: float, fall: float
+        cls, logs: Sequence[GrayLog], machine: HydraulicMachine, values: Values
     ) -> GrayBox:
-        """With steps that follow the logs.
-
-        ``viscous`` is the friction to be expected and ``fall`` how steeply friction falls with the
-        speed at most, both [N s/m].
-        """
-        step = max(float(np.max(log.step)) for log in logs)
-        mass, middle = machine.mass or 1.0, np.mean([log.guess[:, 2].mean() for log in logs])
-        stiffness = _STIFF * machine.stiffness(float(middle))
-        # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
-        rates = viscous / mass / 2.0, fall / mass / _FALL, np.sqrt(stiffness / mass) / _ANGLE
-        needed = step * max(1.0 / _LONGEST, *rates)
+        """With steps that follow the logs, under the friction that ``values`` have."""
+        middle = float(np.mean([log.guess[:, 2].mean() for log in logs]))
+        values = {**values, "bulk_modulus": _STIFF}
+        rate = max(1.0 / _LONGEST, machine.step_rate(values, middle, _A_PERIOD))
+        needed = max(float(np.max(log.step)) for log in logs) * rate
         return cls(machine, int(np.clip(np.ceil(needed - 1e-9), 1, _MOST_STEPS)))
 
     def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
@@ -156,17 +141,28 @@ class GrayBox:
 
 
 @dataclass(frozen=True)
-class GrayProblem:
-    """Problem of a search: the machine and its logs, the free parameters, weights.
+class GrayPoint:
+    """All logs simulated with some parameters from some initial states.
 
     ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m], infinite
-    where a channel does not count.
+    where a channel does not count. ``values`` holds all parameters [SI], ``initial`` the state of
+    every log at its beginning. ``free`` are the parameters that a search may change. Rows of a log
+    are its channels, one after the other, each divided by its ``sigma``.
     """
 
     box: GrayBox
     logs: Sequence[GrayLog]
-    free: Sequence[Unknown]
     sigma: FloatArray
+    values: Values
+    initial: Sequence[FloatArray]
+    free: Sequence[Unknown] = ()
+
+    @classmethod
+    def of(
+        cls, box: GrayBox, logs: Sequence[GrayLog], sigma: FloatArray, values: Values
+    ) -> GrayPoint:
+        """Begin where the measured signals do."""
+        return cls(box, logs, sigma, values, [log.guess[0] for log in logs])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -178,25 +174,12 @@ class GrayProblem:
         """Number of residuals that count."""
         return int(np.isfinite(self.sigma).sum()) * sum(log.samples for log in self.logs)
 
-
-@dataclass(frozen=True)
-class GrayPoint:
-    """All logs simulated with some parameters from some initial states.
-
-    ``values`` holds all parameters [SI], ``initial`` the state of every log at its beginning. Rows
-    of a log are its channels, one after the other, each divided by its ``sigma``.
-    """
-
-    problem: GrayProblem
-    values: dict[str, float]
-    initial: list[FloatArray]
-
     @cached_property
     def states(self) -> list[FloatArray]:
         """p1, p2, y and v of every log, ``(n, 4)`` each [Pa, Pa, m, m/s]."""
-        pairs = zip(self.problem.logs, self.initial)
         with np.errstate(all="ignore"):  # a simulation that has run away
-            return [self.problem.box.simulate(log, x, self.values) for log, x in pairs]
+            return [self.box.simulate(log, x, self.values)
+                    for log, x in zip(self.logs, self.initial)]  # fmt: skip
 
     @cached_property
     def residuals(self) -> list[FloatArray]:
@@ -204,11 +187,11 @@ class GrayPoint:
         with np.errstate(all="ignore"):
             return [
                 self._weighted(log.measured - states.T[:3])
-                for log, states in zip(self.problem.logs, self.states)
+                for log, states in zip(self.logs, self.states)
             ]
 
     def _weighted(self, channels: FloatArray) -> FloatArray:
-        return (channels / self.problem.sigma[:, None]).ravel()
+        return (channels / self.sigma[:, None]).ravel()
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -221,16 +204,16 @@ class GrayPoint:
         """Sum of the squared weighted residuals, infinite where a simulation has run away."""
         with np.errstate(all="ignore"):
             cost = sum(float(r @ r) for r in self.residuals)
-        return cost if cost < _ASTRAY**2 * self.problem.rows else np.inf
+        return cost if cost < _ASTRAY**2 * self.rows else np.inf
 
     @cached_property
     def slopes(self) -> list[FloatArray]:
         """Derivatives of the rows by initial state, scaled, and parameters, ``(3 n, 4 + p)``."""
-        columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.problem.names)]
+        columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.names)]
         out = []
-        for log, x in zip(self.problem.logs, self.initial):
-            found = self.problem.box.slopes(log, x, self.values)
-            rows = np.vstack([found[:, c, columns] / s for c, s in enumerate(self.problem.sigma)])
+        for log, x in zip(self.logs, self.initial):
+            found = self.box.slopes(log, x, self.values)
+            rows = np.vstack([found[:, c, columns] / s for c, s in enumerate(self.sigma)])
             rows[:, :4] *= STATE_SCALE
             out.append(rows)
         return out
@@ -252,8 +235,8 @@ class GrayPoint:
         self, k: int, command: FloatArray, box: GrayBox | None = None, values: Values | None = None
     ) -> FloatArray:
         """Change of the rows of a log by its command or more, less what its start explains."""
-        log = replace(self.problem.logs[k], command=command)
-        moved = (box or self.problem.box).simulate(log, self.initial[k], values or self.values)
+        log = replace(self.logs[k], command=command)
+        moved = (box or self.box).simulate(log, self.initial[k], values or self.values)
         return without(self.start_basis[k], self._weighted((moved - self.states[k]).T[:3]))
 
     @cached_property
@@ -265,14 +248,14 @@ class GrayPoint:
         are added where they matter: a piston at rest is read with one error all the time, which
         the scores of two logs hardly show.
         """
-        problem, rows = self.problem, [n.samples for n in self.problem.logs]
-        channels = [[slice(k * n, (k + 1) * n) for k in range(3)] for n in rows]
+        channels = [[slice(k * n, (k + 1) * n) for k in range(3)]
+                    for n in (log.samples for log in self.logs)]  # fmt: skip
         by_scores = score_covariance(self.jacobian, self.residuals, channels)
-        total = enlarge(by_scores.covariance, np.diag(self.bread) * self.cost / problem.rows)
-        for k, sigma in enumerate(problem.sigma):
+        total = enlarge(by_scores.covariance, np.diag(self.bread) * self.cost / self.rows)
+        for k, sigma in enumerate(self.sigma):
             jacobian = [j[part[k]] for j, part in zip(self.jacobian, channels)]
             residuals = [r[part[k]] for r, part in zip(self.residuals, channels)]
-            readings = [(log.measured[k] / sigma, log.codes[k] / sigma) for log in problem.logs]
+            readings = [(log.measured[k] / sigma, log.codes[k] / sigma) for log in self.logs]
             if codes_matter(jacobian, readings, self.bread, total, self.spread[k]):
                 noise = noise_beside(readings, self.spread[k])
                 total = with_codes(total, jacobian, residuals, readings, self.bread, noise)
@@ -284,17 +267,8 @@ class GrayPoint:
         return inverse_information(np.vstack(self.jacobian))[0]
 
 
-def solve_gray_box(
-    problem: GrayProblem,
-    start: Values,
-    initial: Sequence[FloatArray] | None = None,
-    *,
-    max_iterations: int = 40,
-) -> Minimum[GrayPoint]:
-    """Minimise the weighted output error over parameters and initial states.
-
-    ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI], which
-    is guessed from the measured signals if left out.
+def solve_gray_box(begin: GrayPoint, *, max_iterations: int = 40) -> Minimum[GrayPoint]:
+    """Minimise the weighted output error over free parameters and initial states.
 
     Noise of the pressures may let a piston slip that sticks, which no small step of the search
     undoes. Rest is therefore tried as well, at first and at the end.
@@ -304,15 +278,12 @@ def solve_gray_box(
     LinAlgError
         Where no simulation follows the logs.
     """
-    moving = list(initial or [log.guess[0] for log in problem.logs])
-    starts = [GrayPoint(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
-    best = _descend(min(starts, key=lambda s: s.cost), max_iterations)
-    end = best.point
-    if not np.isfinite(end.cost):
+    best = _descend(min((begin, _rested(begin)), key=lambda s: s.cost), max_iterations)
+    if not np.isfinite(best.point.cost):
         raise np.linalg.LinAlgError("the simulation leaves every measured range")
-    rested = _rested(problem, end.initial)
-    if max_iterations and any(a[3] != b[3] for a, b in zip(rested, end.initial)):
-        other = _descend(GrayPoint(problem, end.values, rested), max_iterations)
+    rested = _rested(best.point)
+    if any(a[3] != b[3] for a, b in zip(rested.initial, best.point.initial)):
+        other = _descend(rested, max_iterations)
         other = replace(other, iterations=best.iterations + other.iterations)
         best = min((best, other), key=lambda m: m.point.cost)
     return best
@@ -320,16 +291,14 @@ def solve_gray_box(
 
 def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
     """Go to the minimum; unknowns are the parameters and the initial states, both scaled."""
-    problem = begin.problem
-    names, p, count = problem.names, len(problem.free), len(problem.logs)
-    size = np.concatenate(([u.scale for u in problem.free], np.tile(STATE_SCALE, count)))
+    names, p, count = begin.names, len(begin.free), len(begin.logs)
+    size = np.concatenate(([u.scale for u in begin.free], np.tile(STATE_SCALE, count)))
 
     def evaluate(x: FloatArray) -> GrayPoint:
         x = x * size
         values = {**begin.values, **dict(zip(names, x[:p].tolist()))}
-        return GrayPoint(problem, values, list(x[p:].reshape(-1, 4)))
+        return replace(begin, values=values, initial=list(x[p:].reshape(-1, 4)))
 
-    @np.errstate(all="ignore")  # a simulation that has run away
     def slopes(point: GrayPoint) -> tuple[FloatArray, FloatArray]:
         gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
         for k, (j, residuals) in enumerate(zip(point.slopes, point.residuals)):
@@ -341,25 +310,25 @@ def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
 
     open_end = np.full(4 * count, np.inf)
     low, high = (np.append(ends, sign * open_end) / size
-                 for ends, sign in zip(bounds_of(problem.free), (-1.0, 1.0)))  # fmt: skip
+                 for ends, sign in zip(bounds_of(begin.free), (-1.0, 1.0)))  # fmt: skip
     return minimise(
         evaluate, slopes,
         np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size, (low, high),
-        rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
+        rows=begin.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
 
 
-def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatArray]:
-    """The same beginnings with every log that hardly moves there at rest, forces balanced."""
-    machine, out = problem.box.machine, []
+def _rested(point: GrayPoint) -> GrayPoint:
+    """The same with every log that hardly moves at its beginning at rest, forces balanced."""
+    machine, out = point.box.machine, []
     area = np.array([machine.area(1), -machine.area(2)])
-    for log, state in zip(problem.logs, initial):
+    for log, state in zip(point.logs, point.initial):
         slow = min(abs(state[3]), abs(log.guess[0, 3])) * float(np.median(log.step))
-        if slow < problem.sigma[2]:
+        if slow < point.sigma[2]:
             state = np.append(state[:2] - area * (area @ state[:2]) / (area @ area), state[2:])
             state[3] = 0.0
         out.append(state)
-    return out
+    return replace(point, initial=out)
 
 
 def follow(
@@ -379,10 +348,10 @@ def follow(
     else:
         guess = np.tile(start, (e.samples, 1))
         log = GrayLog(mean_command(e), np.diff(e.time), np.zeros((3, e.samples)), guess)
-    box = GrayBox.following([log], machine, values["viscous"], FrictionLaw.of(values).fall)
+    box = GrayBox.following([log], machine, values)
     if "position" in e:
         weights = np.array([s if c in e else np.inf for c, s in zip(CHANNELS, sigma)])
-        return solve_gray_box(GrayProblem(box, [log], (), weights), values).point.states[0]
+        return solve_gray_box(GrayPoint.of(box, [log], weights, values)).point.states[0]
     with np.errstate(all="ignore"):  # it runs away where a chamber holds too little oil
         return box.simulate(log, start, values)
 
@@ -391,7 +360,7 @@ def moving_speeds(point: GrayPoint) -> FloatArray:
     """Velocities while the piston moves, measured ones where it never does, ``(n,)`` [m/s]."""
     v = np.concatenate([s[:, 3] for s in point.states])
     if not v.any():
-        v = np.concatenate([log.guess[:, 3] for log in point.problem.logs])
+        v = np.concatenate([log.guess[:, 3] for log in point.logs])
     return np.asarray(v[v != 0.0])
 
 
@@ -407,7 +376,7 @@ def command_noise(point: GrayPoint) -> tuple[FloatArray, float]:
 
     rng, bread = np.random.default_rng(0), point.bread
     total, most = np.zeros_like(bread), 0.0
-    for k, log in enumerate(point.problem.logs):
+    for k, log in enumerate(point.logs):
         noise = noise_floor(log.command, 4)
         if noise == 0.0:
             continue

@@ -20,15 +20,13 @@ from ...estimation.stribeck import (
     undetermined,
     with_speed,
 )
-from ...experiment import Experiment, FloatArray
+from ...experiment import Experiment
 from ...family import NoiseModel, Plant, Simulated, Solution, make_solution
-from ...mechanics.friction_law import FrictionLaw
 from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
 from .gray_box import (
     CHANNELS,
     GrayBox,
     GrayPoint,
-    GrayProblem,
     command_noise,
     make_gray_log,
     moving_speeds,
@@ -52,60 +50,60 @@ _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says 
 
 
 class _Search:
-    """Fits the gray box again and again; weights and start are those of the last time."""
+    """Fits the gray box again and again; ``begin`` has weights and values of the last time."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         first = fit_flow(setup, lenient=True)
         sizes = _friction_sizes(setup)
-        self.start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **sizes}
+        start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **sizes}
         if setup.friction.moving.sum() >= 8:
             found = fit_friction(setup)[0]
-            self.start |= {n: found.values[n] for n in found.names if n in sizes}
-        self.start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
-        self.start |= {n: v for n, v in setup.request.start.items() if n in self.start}
+            start |= {n: found.values[n] for n in found.names if n in sizes}
+        start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
+        start |= {n: v for n, v in setup.request.start.items() if n in start}
         friction = make_unknowns(setup.variant.parameters, (*sizes,), sizes, setup.request)
         self.unknowns = {**first.unknowns, **friction}
-        self.logs = [make_gray_log(e, setup.machine) for e in setup.experiments]
-        fall = FrictionLaw.of(setup.request.fixed).fall
-        self.box = GrayBox.following(self.logs, setup.machine, sizes["viscous"], fall)
-        self.initial: list[FloatArray] | None = None
-        self.sigma = np.array([
+        logs = [make_gray_log(e, setup.machine) for e in setup.experiments]
+        box = GrayBox.following(logs, setup.machine, {**setup.request.fixed, **sizes})
+        sigma = np.array([
             max(noise_floor(e[c], 2) + max(e.signals[c].resolution, 1e-4 * float(np.ptp(e[c])))
                 for e in setup.experiments)
             for c in CHANNELS
         ])  # fmt: skip
+        self.begin = GrayPoint.of(box, logs, sigma, start)
         self.low = free_names(setup.options.stribeck == "estimate", setup.request.fixed)
 
     def solve(self, held: Mapping[str, float]) -> Minimum[GrayPoint]:
         """Estimate what is not held."""
-        low = [n for n in self.low if n not in held]
-        if low and not self.start.get("stribeck_speed"):
-            whole, length = self.logs, max(_PART // (4 * len(self.logs)), _SHORTEST)
-            self.logs = [piece for log in whole for piece in log.pieces(length)]
+        low, whole = [n for n in self.low if n not in held], self.begin
+        if low and not whole.values.get("stribeck_speed"):
+            length = max(_PART // (4 * len(whole.logs)), _SHORTEST)
+            pieces = [piece for log in whole.logs for piece in log.pieces(length)]
+            self.begin = GrayPoint.of(whole.box, pieces, whole.sigma, whole.values)
             plain = self._settle({**held, **dict.fromkeys(low, 0.0)})
-            self._begin_rise(plain.point, low, held)
-            self.logs, self.initial = whole, None
+            best = self._with_rise(plain.point, low, held)
+            self.begin = GrayPoint.of(best.box, whole.logs, self.begin.sigma, best.values)
         return self._settle(held, low)
 
     def _settle(self, held: Mapping[str, float], low: Sequence[str] = ()) -> Minimum[GrayPoint]:
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
-        self.start = {**self.start, **held}
+        self.begin = replace(self.begin, free=free, values={**self.begin.values, **held})
         for _ in range(3):
-            problem = GrayProblem(self.box, self.logs, free, self.sigma)
-            end = solve_gray_box(problem, self.start, self.initial)
-            self.start, self.initial = end.point.values, end.point.initial
+            end = solve_gray_box(self.begin)
             self.setup.request.progress(
                 f"gray box: {end.iterations} steps, weighted error {end.point.cost:.6g}"
             )
             spread = np.where(end.point.spread > 0.0, end.point.spread, 1.0)
-            self.sigma = self.sigma * spread
+            self.begin = replace(end.point, sigma=end.point.sigma * spread)
             if np.all(np.abs(spread - 1.0) < 0.05):
                 break
         return end
 
-    def _begin_rise(self, plain: GrayPoint, low: Sequence[str], held: Mapping[str, float]) -> None:
+    def _with_rise(
+        self, plain: GrayPoint, low: Sequence[str], held: Mapping[str, float]
+    ) -> GrayPoint:
         """Go to the best of several Stribeck speeds, from a fit without a rise.
 
         Stick and slip make the output anything but linear in that speed; from a wrong one the
@@ -117,8 +115,7 @@ class _Search:
         scales = {"stribeck": dry, "stribeck_speed": float(np.sqrt(slowest * fastest))}
         limits = {"stribeck_speed": (0.5 * slowest, 2.0 * fastest)}
         self.unknowns |= make_unknowns(self.setup.variant.parameters, low, scales, request, limits)
-        free = [*plain.problem.free, *(self.unknowns[n] for n in low)]
-        problem = replace(plain.problem, free=free)
+        free = [*plain.free, *(self.unknowns[n] for n in low)]
         points = []
         for speed in np.geomspace(slowest, fastest, _SPEEDS + 2)[1:-1]:
             for share in _SHARES:
@@ -126,22 +123,22 @@ class _Search:
                 begin = {n: request.start.get(n, held.get(n, begin[n])) for n in STRIBECK}
                 if "coulomb" not in held:
                     begin["coulomb"] = (1.0 - share) * plain.values["coulomb"]
-                points.append(replace(plain, problem=problem, values={**plain.values, **begin}))
+                points.append(replace(plain, free=free, values={**plain.values, **begin}))
         for steps, most in _ROUNDS:
-            ends = (solve_gray_box(problem, s.values, s.initial, max_iterations=steps)
-                    for s in points)  # fmt: skip
-            points = sorted((end.point for end in ends), key=lambda s: s.cost)[:most]
+            ends = (solve_gray_box(s, max_iterations=steps).point for s in points)
+            points = sorted(ends, key=lambda s: s.cost)[:most]
         best = points[0]
         # with all else first at another speed, or the search slides back
-        there = replace(problem, free=[u for u in free if u.name != "stribeck_speed"])
+        others = [u for u in free if u.name != "stribeck_speed"]
         for factor in _BESIDE if "stribeck_speed" in low else ():
-            other = {**best.values, "stribeck_speed": factor * best.values["stribeck_speed"]}
-            side = solve_gray_box(there, other, best.initial, max_iterations=_SIDE_STEPS).point
-            end = solve_gray_box(problem, side.values, side.initial, max_iterations=_SIDE_STEPS)
-            best = min(best, end.point, key=lambda s: s.cost)
-        self.start = best.values
-        fall = _MARGIN * FrictionLaw.of(self.start).fall
-        self.box = GrayBox.following(self.logs, self.setup.machine, self.start["viscous"], fall)
+            values = {**best.values, "stribeck_speed": factor * best.values["stribeck_speed"]}
+            point = replace(best, values=values)
+            for some in (others, free):
+                point = replace(point, free=some)
+                point = solve_gray_box(point, max_iterations=_SIDE_STEPS).point
+            best = min(best, point, key=lambda s: s.cost)
+        steeper = {**best.values, "stribeck": _MARGIN * best.values["stribeck"]}
+        return replace(best, box=GrayBox.following(best.logs, best.box.machine, steeper))
 
     def undetermined(self, end: Minimum[GrayPoint]) -> list[Refusal]:
         """Return the parameter whose interval says least, if it says nothing."""
@@ -167,10 +164,10 @@ class _Search:
 
 def _solved(point: GrayPoint) -> Solved:
     """Values and covariance; nothing is known of a bulk modulus at its bound."""
-    names, matrix = point.problem.names, point.uncertainty.covariance.copy()
+    names, matrix = point.names, point.uncertainty.covariance.copy()
     if "bulk_modulus" in names:
         k = names.index("bulk_modulus")
-        at = point.problem.free[k]
+        at = point.free[k]
         if not at.low < point.values["bulk_modulus"] < at.high:
             matrix[k, k] = np.inf
     return Solved(point.values, names, matrix, point.uncertainty.degrees)
@@ -202,11 +199,11 @@ def fit_gray(setup: Setup) -> Solution[HydraulicCylinderOptions]:
         )
     by_command, noise = command_noise(point)
     solved = Solved(
-        point.values, point.problem.names, point.uncertainty.covariance + by_command,
+        point.values, point.names, point.uncertainty.covariance + by_command,
         point.uncertainty.degrees, fixed, found.refused,
     )  # fmt: skip
     parameters, order, matrix = solved.quantities(setup.variant.parameters)
-    sigma = point.problem.sigma.tolist()
+    sigma = point.sigma.tolist()
     options = replace(
         setup.options, stage="gray-box", window=setup.window, rest_position=setup.rest_position,
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
@@ -215,8 +212,8 @@ def fit_gray(setup: Setup) -> Solution[HydraulicCylinderOptions]:
     return make_solution(
         simulate_runs, setup.experiments, setup.variant, options, parameters, order,
         NoiseModel(matrix), jacobians=[
-            dict(zip(CHANNELS, point.problem.sigma[:, None, None] * j.reshape(3, log.samples, -1)))
-            for log, j in zip(point.problem.logs, point.jacobian)
+            dict(zip(CHANNELS, point.sigma[:, None, None] * j.reshape(3, log.samples, -1)))
+            for log, j in zip(point.logs, point.jacobian)
         ],
         simulate_near=Nearby(point, [(e.log, e.name) for e in setup.experiments]),
         derived={
@@ -253,15 +250,15 @@ class Nearby:
     ) -> list[Simulated]:
         """Simulate some of the fitted runs, or their beginnings; see `.Family.simulate`."""
         values = with_speed(plant.numbers, moving_speeds(self.fit))
-        box = replace(self.fit.problem.box, machine=read_machine(plant.options, (1, 2)))
+        box = replace(self.fit.box, machine=read_machine(plant.options, (1, 2)))
         return [self._run(e, box, values) for e in experiments]
 
     def _run(self, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
-        k, problem = self.runs.index((e.log, e.name)), self.fit.problem
-        command = problem.logs[k].command.copy()
+        k = self.runs.index((e.log, e.name))
+        command = self.fit.logs[k].command.copy()
         command[: e.samples - 1] = mean_command(e)  # of a beginning
         change = self.fit.change(k, command, box, values).reshape(3, -1)
-        channels = self.fit.states[k].T[:3] + change * problem.sigma[:, None]
+        channels = self.fit.states[k].T[:3] + change * self.fit.sigma[:, None]
         simulated = dict(zip(CHANNELS, channels[:, : e.samples]))
         return Simulated(simulated.pop(CHANNELS[-1]), also=simulated)
 

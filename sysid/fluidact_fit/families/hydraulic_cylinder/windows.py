@@ -22,12 +22,11 @@ Rows = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Windows:
-    """Flow balance of one chamber (1 or 2) of one experiment, by its index, over short windows.
+    """Flow balance of one chamber (1 or 2) of one experiment over short windows.
 
     ``first`` holds the first sample of every window, ``(m,)``, each of ``samples`` intervals.
     """
 
-    index: int
     experiment: Experiment
     chamber: int
     machine: HydraulicMachine
@@ -137,12 +136,12 @@ def cut_windows(
     ``overlap`` windows begin within one length.
     """
     out = []
-    for index, e in enumerate(experiments):
+    for e in experiments:
         samples = max(round(length / max(e.sample_time, 1e-12)), 2)
         first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
         for chamber in chambers if first.size > 1 else ():
             if f"pressure_{chamber}" in e:
-                w = Windows(index, e, chamber, machine, first, samples)
+                w = Windows(e, chamber, machine, first, samples)
                 out.append(w.chosen(_usable(w)))
     return [w for w in out if w.first.size]
 
