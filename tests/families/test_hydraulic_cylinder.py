@@ -479,6 +479,14 @@ def test_bulk_modulus_is_refused_without_transients(tmp_path: Path) -> None:
     assert number(result, "valve_gain_1") == pytest.approx(truth()["valve_gain_1"], rel=0.02)
 
 
+def test_bulk_modulus_at_its_bound_is_refused_for_what_is_true() -> None:
+    """The output was said not to depend on it anywhere in the logs."""
+    (log,) = attacks.record(np.random.default_rng(4))
+    with pytest.raises(NotIdentifiedError, match=r"bulk_modulus: it could be 5e\+08") as caught:
+        ff.fit("hydraulic-cylinder", log, bounds={"bulk_modulus": (1e8, 5e8)}, **GIVEN)
+    assert "contradict" in caught.value.text
+
+
 def test_bulk_modulus_is_refused_at_slow_sampling(tmp_path: Path) -> None:
     rows = simulate(np.repeat([1.0, -1.0, 3.0, -3.0], 200))[::5]
     with pytest.raises(NotIdentifiedError, match="every 5 ms"):

@@ -199,7 +199,7 @@ def fit_named(
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         silent = _without_effect(attempt, unknowns, by_name, no_effect_at or {}, part)
-        ends = _at_limits(attempt.solved, by_name, unknowns, request)
+        ends = at_limits(attempt.solved, by_name, unknowns, request)
         return silent or ends or find_uninformative(attempt.solved, by_name, max_half_widths or {})
 
     found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
@@ -218,7 +218,7 @@ def fit_named(
     return replace(fitted, intervals=_examine_intervals(attempt, fitted))
 
 
-def _at_limits(
+def at_limits(
     solved: Solved,
     specs: Mapping[str, ParameterSpec],
     unknowns: Mapping[str, Unknown],

@@ -12,6 +12,7 @@ from ...errors import Notice, NotIdentifiedError
 from ...estimation.minimise import Minimum
 from ...estimation.named_model import make_unknowns
 from ...estimation.noise import noise_floor
+from ...estimation.parametric import at_limits
 from ...estimation.results import Refusal, Solved, determine, find_uninformative
 from ...estimation.stribeck import (
     STRIBECK,
@@ -146,6 +147,9 @@ class _Search:
         rise = undetermined(solved, speeds, lambda held: _solved(self.solve(held).point))
         if rise:
             return rise
+        request, specs = self.setup.request, {s.name: s for s in self.setup.variant.parameters}
+        if ends := at_limits(solved, specs, self.unknowns, request):
+            return ends
         sizes = {n: 0.5 * max(abs(solved.values[n]), 1e-300) for n in solved.names}
         friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
         max_half_widths = {**sizes, **allowed_half_widths(self.unknowns), **friction}
@@ -153,8 +157,7 @@ class _Search:
         max_half_widths |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
         # Losses and dead zone are refused before the gains, which may be certain without them. Not
         # so the bulk modulus: without them it would look certain in logs of plateaus alone.
-        specs = {n: self.setup.variant.parameter(n) for n in solved.names}
-        bulk = {n: s for n, s in specs.items() if n == "bulk_modulus"}
+        bulk = {"bulk_modulus": specs["bulk_modulus"]}
         neutral = {n: s for n, s in specs.items() if s.neutral is not None}
         for group in (bulk, neutral, specs):
             if refusals := find_uninformative(solved, group, max_half_widths):
@@ -163,14 +166,8 @@ class _Search:
 
 
 def _solved(point: GrayPoint) -> Solved:
-    """Values and covariance; nothing is known of a bulk modulus at its bound."""
-    names, matrix = point.names, point.uncertainty.covariance.copy()
-    if "bulk_modulus" in names:
-        k = names.index("bulk_modulus")
-        at = point.free[k]
-        if not at.low < point.values["bulk_modulus"] < at.high:
-            matrix[k, k] = np.inf
-    return Solved(point.values, names, matrix, point.uncertainty.degrees)
+    found = point.uncertainty
+    return Solved(point.values, point.names, found.covariance, found.degrees)
 
 
 def fit_gray(setup: Setup) -> Solution[HydraulicCylinderOptions]:
@@ -198,10 +195,10 @@ def fit_gray(setup: Setup) -> Solution[HydraulicCylinderOptions]:
             )
         )
     by_command, noise = command_noise(point)
-    solved = Solved(
-        point.values, point.names, point.uncertainty.covariance + by_command,
-        point.uncertainty.degrees, fixed, found.refused,
-    )  # fmt: skip
+    solved = _solved(point)
+    solved = replace(
+        solved, covariance=solved.covariance + by_command, fixed=fixed, refused=found.refused
+    )
     parameters, order, matrix = solved.quantities(setup.variant.parameters)
     sigma = point.sigma.tolist()
     options = replace(
