@@ -42,7 +42,6 @@ _DRAWS = 16  # of noise on a command
 _SEEN = 0.5  # share of the noise that the machine did not see: certainly less, and it saw it
 _SURE = 3.0  # standard errors
 _SPAN = 5  # samples of the median that takes the noise off a command
-STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 
 @dataclass(frozen=True)
@@ -177,18 +176,15 @@ class GrayPoint:
     @cached_property
     def states(self) -> list[FloatArray]:
         """p1, p2, y and v of every log, ``(n, 4)`` each [Pa, Pa, m, m/s]."""
-        with np.errstate(all="ignore"):  # a simulation that has run away
-            return [self.box.simulate(log, x, self.values)
-                    for log, x in zip(self.logs, self.initial)]  # fmt: skip
+        pairs = zip(self.logs, self.initial)
+        return [self.box.simulate(log, x, self.values) for log, x in pairs]
 
     @cached_property
+    @np.errstate(all="ignore")  # of a simulation that has run away
     def residuals(self) -> list[FloatArray]:
         """Weighted residuals of every log, ``(3 n,)`` each."""
-        with np.errstate(all="ignore"):
-            return [
-                self._weighted(log.measured - states.T[:3])
-                for log, states in zip(self.logs, self.states)
-            ]
+        pairs = zip(self.logs, self.states)
+        return [self._weighted(log.measured - states.T[:3]) for log, states in pairs]
 
     def _weighted(self, channels: FloatArray) -> FloatArray:
         return (channels / self.sigma[:, None]).ravel()
@@ -200,23 +196,18 @@ class GrayPoint:
         return np.sqrt(np.mean(rows**2, axis=1))
 
     @cached_property
+    @np.errstate(all="ignore")
     def cost(self) -> float:
         """Sum of the squared weighted residuals, infinite where a simulation has run away."""
-        with np.errstate(all="ignore"):
-            cost = sum(float(r @ r) for r in self.residuals)
+        cost = sum(float(r @ r) for r in self.residuals)
         return cost if cost < _ASTRAY**2 * self.rows else np.inf
 
     @cached_property
     def slopes(self) -> list[FloatArray]:
-        """Derivatives of the rows by initial state, scaled, and parameters, ``(3 n, 4 + p)``."""
+        """Derivatives of the rows by initial state and free parameters, ``(3 n, 4 + p)`` each."""
         columns = [0, 1, 2, 3, *(4 + SLOPES.index(n) for n in self.names)]
-        out = []
-        for log, x in zip(self.logs, self.initial):
-            found = self.box.slopes(log, x, self.values)
-            rows = np.vstack([found[:, c, columns] / s for c, s in enumerate(self.sigma)])
-            rows[:, :4] *= STATE_SCALE
-            out.append(rows)
-        return out
+        found = (self.box.slopes(log, x, self.values) for log, x in zip(self.logs, self.initial))
+        return [np.vstack([j[:, c, columns] / s for c, s in enumerate(self.sigma)]) for j in found]
 
     @cached_property
     def start_basis(self) -> list[FloatArray]:
@@ -290,30 +281,25 @@ def solve_gray_box(begin: GrayPoint, *, max_iterations: int = 40) -> Minimum[Gra
 
 
 def _descend(begin: GrayPoint, max_iterations: int) -> Minimum[GrayPoint]:
-    """Go to the minimum; unknowns are the parameters and the initial states, both scaled."""
-    names, p, count = begin.names, len(begin.free), len(begin.logs)
-    size = np.concatenate(([u.scale for u in begin.free], np.tile(STATE_SCALE, count)))
+    """Go to the minimum; unknowns are the free parameters and the initial states."""
+    names, p = begin.names, len(begin.free)
+    start = np.concatenate(([begin.values[n] for n in names], *begin.initial))
 
     def evaluate(x: FloatArray) -> GrayPoint:
-        x = x * size
         values = {**begin.values, **dict(zip(names, x[:p].tolist()))}
         return replace(begin, values=values, initial=list(x[p:].reshape(-1, 4)))
 
     def slopes(point: GrayPoint) -> tuple[FloatArray, FloatArray]:
-        gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
+        gradient, curvature = np.zeros(start.size), np.zeros((start.size, start.size))
         for k, (j, residuals) in enumerate(zip(point.slopes, point.residuals)):
             own = np.r_[p + 4 * k : p + 4 * k + 4, :p]
-            j = j * np.append(np.ones(4), size[:p])
             gradient[own] += j.T @ residuals
             curvature[np.ix_(own, own)] += j.T @ j
         return gradient, curvature
 
-    open_end = np.full(4 * count, np.inf)
-    low, high = (np.append(ends, sign * open_end) / size
-                 for ends, sign in zip(bounds_of(begin.free), (-1.0, 1.0)))  # fmt: skip
+    bounds = bounds_of([*begin.free, *[Unknown("state")] * (start.size - p)])
     return minimise(
-        evaluate, slopes,
-        np.concatenate(([begin.values[n] for n in names], *begin.initial)) / size, (low, high),
+        evaluate, slopes, start, bounds,
         rows=begin.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
 
@@ -352,8 +338,7 @@ def follow(
     if "position" in e:
         weights = np.array([s if c in e else np.inf for c, s in zip(CHANNELS, sigma)])
         return solve_gray_box(GrayPoint.of(box, [log], weights, values)).point.states[0]
-    with np.errstate(all="ignore"):  # it runs away where a chamber holds too little oil
-        return box.simulate(log, start, values)
+    return box.simulate(log, start, values)
 
 
 def moving_speeds(point: GrayPoint) -> FloatArray:
