@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from ...estimation.stribeck import EXPONENT, another_fall
 from ...estimation.unmodelled_effects import change_to, soft_edges
@@ -34,7 +33,7 @@ def unmodelled_effects(plant: HydraulicPlant) -> Iterator[UnmodelledEffect]:
     v, supply = plant.numbers, float(plant.options.supply_pressure or 0.0)
     yield soft_edges(plant, "command", (v[EDGES[0]], v[EDGES[1]]))
     if plant.values.get("stribeck"):
-        less, more = (_with(plant, {EXPONENT: 2.0 + by}) for by in (-_APART, _APART))
+        less, more = (_with(plant, EXPONENT, 2.0 + by) for by in (-_APART, _APART))
         yield another_fall(partial(change_to, more, less, 2.0 * _APART))
     yield UnmodelledEffect(
         "leakage", "oil leaks past the piston, from one chamber to the other",
@@ -82,8 +81,8 @@ def _by_given(plant: HydraulicPlant, name: str, by: float) -> Response:
 
 def _beyond(plant: HydraulicPlant, name: str, by: float) -> Response:
     """Derivatives of all channels by an effect that the fit supposes absent."""
-    return partial(change_to, plant, _with(plant, {name: by}), by)
+    return partial(change_to, plant, _with(plant, name, by), by)
 
 
-def _with(plant: HydraulicPlant, values: Mapping[str, Any]) -> HydraulicPlant:
-    return replace(plant, values={**plant.values, **values})
+def _with(plant: HydraulicPlant, name: str, value: float) -> HydraulicPlant:
+    return replace(plant, values={**plant.values, name: value})
