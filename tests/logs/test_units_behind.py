@@ -54,6 +54,20 @@ def test_units_behind_numbers_beside_durations_of_a_controller(tmp_path: Path, c
     np.testing.assert_allclose(since - since[0], T, atol=1e-12)
 
 
+def test_durations_in_several_units_stay_instants(tmp_path: Path) -> None:
+    clock = [f"{1e3 * t:.0f} ms" if t < 0.1 else f"{t:.3f} s" for t in T]
+    log = read(tmp_path, ["t;p", *(f"{c};{p:.4f} bar" for c, p in zip(clock, P))])
+    assert log.columns[1].unit == "bar"
+    np.testing.assert_allclose(log.columns[0].values, T, atol=1e-12)
+
+
+def test_units_behind_numbers_with_blanks_between_thousands(tmp_path: Path) -> None:
+    cells = [f"{1e5 * p:,.1f} Pa".replace(",", " ").replace(".", ",") for p in P]
+    log = read(tmp_path, ["t;p", *(f"{t:.3f};{c}".replace(".", ",") for t, c in zip(T, cells))])
+    assert log.columns[1].unit == "Pa"
+    np.testing.assert_allclose(log.columns[1].values, 1e5 * P, atol=0.06)
+
+
 @pytest.mark.parametrize("place", [2, 40])
 @pytest.mark.parametrize("empty", ["", "NaN", "---"])
 def test_a_cell_without_a_number_costs_no_other_its_unit(

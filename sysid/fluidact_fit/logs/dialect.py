@@ -268,9 +268,14 @@ def _cut_before_units(body: Sequence[str], hints: Hints, written: Written, name:
 
 
 def _usual_unit(cells: Sequence[str]) -> str:
-    """The unit behind most of the numbers of a column, empty without one."""
+    """The unit behind most of the numbers of a column, empty without one.
+
+    Durations are instants, whatever their unit.
+    """
     filled = [cell for cell in cells if not says_nothing(cell)]
-    found = Counter(m[2] for cell in filled if (m := _BEHIND.fullmatch(cell)))
+    found = Counter(m[2] for cell in filled if (m := _BEHIND.search(cell)))
+    if all(map(is_stamp, filled)):
+        return ""
     unit, count = max(found.items(), key=lambda pair: pair[1], default=("", 0))
     return unit if 2 * count > len(filled) and looks_like_unit(unit) else ""
 
