@@ -93,12 +93,25 @@ def test_settings_of_every_trace_above_the_samples(tmp_path: Path, form: str) ->
     np.testing.assert_allclose(log.columns[2].values, 2.0 * np.arange(100))
 
 
+def test_traces_have_steps_and_units_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "000.csv"
+    head = [line.replace("1.0e+00,1.0e+00", "1.0e+00,2.0e+00").replace('"bar","mV"', '"","mV"')
+            for line in HEAD]  # fmt: skip
+    rows = [f",{0.5 * (k % 5):.4f},{k if k < 50 else ''}" for k in range(100)]
+    path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    time, inlet, outlet = read_log(path).columns
+    assert (inlet.unit, outlet.unit) == (None, "mV")
+    there = np.isfinite(outlet.values)
+    np.testing.assert_allclose(outlet.values[there], np.arange(50.0))
+    np.testing.assert_allclose(time.values[there], 1e-3 * (-20.0 + 2.0 * np.arange(50)), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("line", "instead", "message"),
     [
         (10, '"HUnit","Hz","Hz"', r"line 9: no times follow from start '-2\.0e\+01'"),
         (8, '"HResolution",0,0', r"line 9: no times follow .* step '0' \[ms\]"),
-        (3, '"BlockNumber",3', r"line 4: 3 blocks of samples"),
+        (3, '"BlockNumber",3', r"line 16: 2 traces \(blocks: 3\)"),
     ],
 )
 def test_settings_without_instants_are_refused(
@@ -110,12 +123,3 @@ def test_settings_without_instants_are_refused(
     path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
     with pytest.raises(LogError, match=message):
         read_log(path)
-
-
-def test_settings_without_a_value_are_the_usual_ones(tmp_path: Path) -> None:
-    """A key with empty cells broke the reader down."""
-    empty = [line.split(",")[0] + ",," if k in (3, 9, 10) else line for k, line in enumerate(HEAD)]
-    rows = [f",{0.5 * (k % 5):.4f},{k}" for k in range(100)]
-    path = tmp_path / "000.csv"
-    path.write_text("\n".join([*empty, *rows]) + "\n", encoding="utf-8")
-    np.testing.assert_allclose(read_log(path).columns[0].values, np.arange(100.0))

@@ -15,7 +15,9 @@ from collections.abc import Sequence
 
 from ..errors import LogError
 from ..units import conversion_factor, same_dimension
+from .groups import counted_groups
 from .layout import Counted, Group, Hints, Layout, number_of, split_cells
+from .log import count_of
 from .source import Source
 
 _RIGOL = Hints("Rigol oscilloscope", sparse=True)
@@ -40,7 +42,9 @@ def lay_out(source: Source) -> Layout | None:
     if len(rows) > 1 and rows[0][0] == "X" and rows[1][0] == "Sequence":
         return _lay_out_numbered(rows[0], rows[1], source.name)
     keys = {row[0]: k for k, row in enumerate(rows) if row[0] and number_of(row[0]) is None}
-    return _lay_out_traces(rows, keys, source.name)
+    if {"TraceName", "VUnit", "HResolution"} <= keys.keys():
+        return _lay_out_traces(rows, keys, source.name)
+    return None
 
 
 def _lay_out_settings(rows: list[list[str]]) -> Layout:
@@ -64,8 +68,9 @@ def _lay_out_numbered(names: list[str], units: list[str], name: str) -> Layout |
     where = {name: k for k, name in enumerate(names)}
     if not {"Start", "Increment"} <= where.keys() or where["Start"] < 2:
         return None
-    said = [units[where[k]] if where[k] < len(units) else "" for k in ("Start", "Increment")]
-    counted = _count(said[0], said[1], "s", first_row=2, where=f"{name}, line 2")
+    places = where["Start"], where["Increment"]
+    start, step = (units[k] if k < len(units) else "" for k in places)
+    counted = _count(start, step, "s", first_row=2, where=f"{name}, line 2")
     width = where["Start"]
     return Layout(
         delimiter=",",
@@ -82,49 +87,49 @@ def _lay_out_numbered(names: list[str], units: list[str], name: str) -> Layout |
 
 
 def _lay_out_traces(rows: Sequence[list[str]], keys: dict[str, int], name: str) -> Layout | None:
-    """The layout of an export with a line per setting of its traces, ``None`` of any other file."""
-    said = {key: list(filter(None, rows[k][1:])) for key, k in keys.items()}
-    settings = {"BlockNumber": ["1"], "HOffset": ["0"], "HUnit": ["s"]}
-    settings |= {key: cells for key, cells in said.items() if cells}
-    if not {"TraceName", "VUnit", "HResolution"} <= settings.keys():
+    """The layout of an export with a line per setting of its traces, ``None`` without samples."""
+    last = max(keys.values())
+    first = next((k for k, row in enumerate(rows) if k > last and any(row)), None)
+    if first is None:
         return None
-    first = max(keys.values()) + 1
-    first = next((k for k in range(first, len(rows)) if any(rows[k])), 0)
-    names, units = settings["TraceName"], settings["VUnit"]
-    samples = rows[first]
-    lead = next((k for k, cell in enumerate(samples) if cell), 0)
-    columns = len(samples) - lead - (samples[-1] == "")
-    steps = set(settings["HResolution"])
-    if not first or columns != len(names) or len(units) != len(names) or len(steps) != 1:
-        return None
-    if settings["BlockNumber"][0] != "1":
+    places = [k for k, cell in enumerate(rows[keys["TraceName"]]) if k and cell]
+
+    def settings(key: str, otherwise: str = "") -> list[str]:
+        row = rows[keys[key]] if key in keys else []
+        return [row[k] if k < len(row) else otherwise for k in places]
+
+    samples, blocks = rows[first], {*settings("BlockNumber", "1"), "1"} - {""}
+    lead = next(k for k, cell in enumerate(samples) if cell)
+    width = len(samples) - lead - (samples[-1] == "")
+    if width != len(places) or len(blocks) > 1:
         raise LogError(
-            f"{settings['BlockNumber'][0]} blocks of samples in one file.",
-            where=f"{name}, line {keys['BlockNumber'] + 1}",
-            expected="Expected one recording, whose instants follow from HOffset and HResolution.",
-            remedy="Export every block to a file of its own.",
+            f"{count_of(len(places), 'trace')} (blocks: {max(blocks)}), and rows of "
+            f"{count_of(width, 'cell')}.",
+            where=f"{name}, line {first + 1}",
+            expected="Expected one block of samples, with one cell for every trace.",
+            remedy="Export every block to a file of its own, or give --skip-rows "
+            f"{first} and --sample-time SECONDS.",
         )
-    counted = _count(
-        settings["HOffset"][0], steps.pop(), settings["HUnit"][0], first_row=first,
-        where=f"{name}, line {keys['HResolution'] + 1}",
-    )  # fmt: skip
+    told = zip(settings("HOffset", "0"), settings("HResolution"), settings("HUnit", "s"))
+    where = f"{name}, line {keys['HResolution'] + 1}"
+    counted = [(_count(*each, first_row=first, where=where),) for each in told]
     return Layout(
         delimiter=",",
         decimal=".",
-        width=columns,
+        width=width,
         lead=lead,
         trailing=samples[-1] == "",
         first_row=first,
         hints=_YOKOGAWA,
         header_row=keys["TraceName"],
         units_row=keys["VUnit"],
-        headers=["time", *names],
-        units=["s", *units],
-        groups=(Group(tuple(range(columns)), None, (counted,)),),
+        headers=["time", *settings("TraceName")],
+        units=["s", *settings("VUnit")],
+        groups=tuple(counted_groups(range(width), counted)),
     )
 
 
-def _count(start: str, step: str, unit: str, *, first_row: int, where: str) -> Counted:
+def _count(start: str, step: str, unit: str, /, *, first_row: int, where: str) -> Counted:
     """The instants of numbered samples, of which the first and the step are written once."""
     first, between = number_of(start), number_of(step)
     if first is None or between is None or between <= 0.0 or not same_dimension(unit, "s"):
