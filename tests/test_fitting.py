@@ -193,12 +193,34 @@ def test_numbers_are_taken_with_their_units(fit: Fit) -> None:
         ({"fixed": {"gain": 10**5000}}, "is not finite"),
         ({"bounds": {"gain": (0, 10**400)}}, "is not finite"),
         ({"seed": -1}, "seed=-1 is not a whole number from 0"),
+        ({"hold": np.ones(2)}, "is not a mapping"),
+        ({"fixed": np.ones(2)}, "is not a mapping"),
+        ({"noise": np.ones(2)}, "is not a mapping"),
+        ({"progress": np.ones(2)}, "is not a function"),
         ({"seed": "one"}, "seed='one' is not a whole number from 0"),
     ],
 )
 def test_numbers_that_are_none_are_named(fit: Fit, given: dict[str, object], words: str) -> None:
     with pytest.raises(ff.UsageError, match=words):
         fit(LOGS[0], **given)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ff.inspect([]), "no log was given"),
+        (lambda: ff.inspect(LOGS[0], family=["line"]), r"family=\['line'\] is not text"),
+        (lambda: ff.get_family({}), r"family=\{\} is not text"),
+        (lambda: ff.export("a.yaml", ["c"], "."), r"to=\['c'\] is not text"),
+        (lambda: ff.export("a.yaml", "c", ".", arithmetic=np.ones(2)), "is not text"),
+        (lambda: ff.read_log(LOGS[0], exclude=3), "exclude #1=3 is not text"),
+        (lambda: ff.read_log(LOGS[0], exclude=["run=1", 2]), "exclude #2=2 is not text"),
+        (lambda: ff.read_log(LOGS[0], invalid=np.ones(2)), "is not text"),
+    ],
+)
+def test_what_no_call_takes_is_named(call: Callable[[], object], words: str) -> None:
+    with pytest.raises(ff.UsageError, match=words):
+        call()
 
 
 def test_a_refused_fit_names_the_term_that_describes_the_log() -> None:

@@ -59,6 +59,11 @@ def require(kind: str, **given: Any) -> None:
             raise UsageError(f"{name}={shown(value)} is {words}.", remedy=remedy)
 
 
+def require_given(kind: str, **given: Any) -> None:
+    """Refuse arguments that are not of a kind, as :func:`require` does; ``None`` says nothing."""
+    require(kind, **{name: value for name, value in given.items() if value is not None})
+
+
 def number_in_si(what: str, value: Any, units: Sequence[str]) -> float:
     """A finite number, or text with its unit, in the first of some SI units that it measures.
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .arguments import number_in_si, pair_in_si, require, shown
+from .arguments import number_in_si, pair_in_si, require, require_given, shown
 from .assessment import find_cause, find_implausible, most_outliers, set_aside
 from .document_assembly import FitContext, make_parameter_document
 from .errors import (
@@ -153,10 +153,9 @@ def fit(
     """
     require("text", family=family)
     require("truth", strict=strict)
-    for name, mapping in (("hold", hold), ("bounds", bounds)):
-        require("mapping", **{name: mapping or {}})
-    require("function", progress=progress or print)
-    require("text", command=command or "")
+    require_given("mapping", hold=hold, bounds=bounds)
+    require_given("function", progress=progress)
+    require_given("text", command=command)
     chosen = get_family(family)
     how = {name: options.pop(name) for name in Reading.__annotations__ if name in options}
     units_of = units_of_numbers(chosen)
@@ -307,14 +306,15 @@ def numbers_in_si(
     option: str, given: Mapping[str, Any] | None, units_of: Mapping[str, Sequence[str]]
 ) -> dict[str, float]:
     """Values by name as finite numbers in SI; ``UsageError`` for anything else."""
-    if not isinstance(given or {}, Mapping) or not all(isinstance(n, str) for n in given or {}):
+    given = {} if given is None else given
+    if not isinstance(given, Mapping) or not all(isinstance(n, str) for n in given):
         raise UsageError(
             f"{option}={shown(given)} is not a mapping of name to number.",
             remedy="Give one, as {'dead_time': 0.012}.",
         )
     return {
         name: number_in_si(f"{option} {name}={shown(value)}", value, units_of.get(name, ()))
-        for name, value in (given or {}).items()
+        for name, value in given.items()
     }
 
 

@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Unpack
 
 from .advice import Suggestion, suggest
+from .arguments import require_given
 from .channels import describe_channels, relate
-from .errors import Notice, in_python
+from .errors import Notice, UsageError, in_python
 from .families import get_family
 from .logs import (
     Log,
@@ -140,7 +141,10 @@ def inspect(
     UsageError
         When an option is not possible.
     """
+    require_given("text", family=family)
     each = listed_logs(logs)
+    if not each:
+        raise UsageError("no log was given.", expected="Expected one log or more.")
     opened = open_logs(each, **reading)
     described = tuple(describe_log(log, family) for log in opened)
     paths = [os.fspath(given) if isinstance(given, str | os.PathLike) else log.name

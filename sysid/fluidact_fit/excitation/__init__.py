@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from ..arguments import number_in_si, pair_in_si, require, shown
+from ..arguments import number_in_si, pair_in_si, require, require_given, shown
 from ..control import read_document
 from ..parameter_table import recorded_units
 from ..parameters import ParameterDocument
@@ -102,7 +102,7 @@ def design(
     inputs: tuple[str, ...] = ()
     require("text", criterion=criterion)
     require("seed", seed=seed)
-    require("function", progress=progress or print)
+    require_given("function", progress=progress)
     duration, sample_time = (
         number_in_si(f"--{name}={shown(value)}", value or 0.0, ["s"])
         for name, value in (("duration", duration), ("sample-time", sample_time))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import NamedTuple
 
+from ..arguments import require
 from ..errors import UsageError
 from .target import Arithmetic, ControllerTarget, Target
 
@@ -44,6 +45,7 @@ def get_target(name: str) -> Target:
     UsageError
         When there is no such target.
     """
+    require("text", to=name)
     if name not in TARGETS:
         raise UsageError(
             f"there is no export target {name!r}.", expected=f"Targets: {', '.join(TARGETS)}."

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, cast
 
-from ..arguments import require
+from ..arguments import require, require_given
 from ..block import Block
 from ..control import load, make_block
 from ..errors import (
@@ -109,6 +109,7 @@ def export(
         raise UsageError("no parameter file was given.", remedy="Give one or several.")
     require("truth", overwrite=overwrite, accept_failed=accept_failed)
     require("path", folder=folder)
+    require_given("text", arithmetic=arithmetic)
     held = {}  # results and models by the names of the files that they would be saved to
     files = []
     for item in given:

@@ -74,7 +74,6 @@ def fit_function(name: str) -> str:
     return f"fit_{name.replace('-', '_')}"
 
 
-@cache
 def get_family(name: str) -> Family[FamilyOptions]:
     """Return the family of that name.
 
@@ -84,6 +83,11 @@ def get_family(name: str) -> Family[FamilyOptions]:
         When there is none; the message lists those there are.
     """
     require("text", family=name)
+    return _family(name)
+
+
+@cache
+def _family(name: str) -> Family[FamilyOptions]:
     if name not in _REGISTRY:
         close = closest(name, _REGISTRY)
         hint = f" Did you mean {close!r}?" if close else ""

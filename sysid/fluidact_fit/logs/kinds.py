@@ -43,7 +43,10 @@ def check_kinds(given: Mapping[str, Any]) -> None:
             )
     check_window(said.get("window"))
     require("number", sample_time=said.get("sample_time", 0.0))
-    for name in ("decimal", "thousands", "delimiter"):
+    exclude = said.get("exclude", ())
+    listed = exclude if isinstance(exclude, list | tuple) else [exclude]
+    require("text", **{f"exclude #{k}": text for k, text in enumerate(listed, start=1)})
+    for name in ("decimal", "thousands", "delimiter", "invalid"):
         require("text", **{name: said.get(name, "")})
     for name in ("skip_rows", "header_row"):
         require("whole", **{name: said.get(name, 0)})

@@ -114,12 +114,12 @@ def read_log(
             "window": window, "steps": steps, "holds": holds, "unwrap": unwrap,
             "constants": constants, "from_name": from_name, "decimal": decimal,
             "thousands": thousands, "delimiter": delimiter, "skip_rows": skip_rows,
-            "header_row": header_row,
+            "header_row": header_row, "exclude": exclude, "invalid": invalid,
         }
     )  # fmt: skip
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
-    given = [parse_exclusion(t) for t in ([exclude] if isinstance(exclude, str) else exclude)]
+    given = [parse_exclusion(t) for t in ([exclude] if isinstance(exclude, str) else exclude or ())]
     if invalid not in (None, *get_args(Invalid)):
         raise UsageError(f"--invalid {invalid} is not possible.", remedy="Give drop or refuse.")
     log = replace(
