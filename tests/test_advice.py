@@ -227,6 +227,8 @@ def test_of_a_raw_reading_and_its_computed_copy_the_copy_is_taken(
     path = tmp_path / "log.csv"
     np.savetxt(path, np.column_stack([t, *(columns[k] for k in order)]), delimiter=",",
                header=",".join(["time [s]", *(names[k] for k in order)]), comments="")  # fmt: skip
+    families = {s.family for s in suggest([ff.read_log(path)], ["log.csv"], trial=False)}
+    assert "backlash" not in families  # it would fit the formula
     (found,) = suggest([ff.read_log(path)], ["log.csv"], "hydrostatic", trial=False)
     assert dict(found.columns) == {"position": f"#{2 + order.index(1)}"}
 

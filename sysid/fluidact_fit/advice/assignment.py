@@ -92,7 +92,8 @@ def _assign(
     if scores[rows, chosen].min() <= 0.0 or min(told) < ALSO:
         return None  # neither unit nor name tells of some role what it is
     taken = {required[i].name: columns[j] for i, j in zip(rows, chosen, strict=True)}
-    if not _alike(variant, taken) or _has_copy(list(taken.values()), not needs_time(variant)):
+    calibrates = not needs_time(variant) and any(r.unit == "1" for r in required)
+    if not _alike(variant, taken) or _has_copy(list(taken.values()), calibrates):
         return None
     total = float(scores[rows, chosen].sum())
     for role in (r for r in variant.roles if not r.required and r.name != "time"):
@@ -161,12 +162,13 @@ def _alike(variant: Variant, taken: Mapping[str, Column]) -> bool:
     return all(same_dimension(u, units[0]) for u in units)
 
 
-def _has_copy(columns: Sequence[Column], timeless: bool) -> bool:
+def _has_copy(columns: Sequence[Column], calibrates: bool) -> bool:
     """True if one of several columns was computed from another: a family would fit the formula.
 
-    A calibration may be a straight line of two columns, which is all that there is to fit.
+    A calibration of a raw reading may be a straight line of two columns, which is all that there
+    is to fit.
     """
-    return not (timeless and len(columns) == 2) and any(
+    return not (calibrates and len(columns) == 2) and any(
         factor_between(a.values, b.values) is not None for a, b in combinations(columns, 2)
     )
 
