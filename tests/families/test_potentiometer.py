@@ -614,7 +614,7 @@ def test_two_clipped_ends_are_one_warning() -> None:
     reference[[0, -1]] = -6e-4, 0.0112
     (notice,) = [n for n in fit(experiment(reading, reference)).notices if "rails" in n.code]
     assert notice.code == "rails-suspected"
-    assert "readings 0 (1 sample) and 1023 (1 sample) look clipped" in notice.message
+    assert "left out: 0 (1 sample) and 1023 (1 sample)." in notice.message
     assert "--rails -102.3:1125.3 " in notice.message
 
 

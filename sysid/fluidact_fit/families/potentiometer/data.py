@@ -287,13 +287,10 @@ def _settle_rails(
         else:
             suspected.append(f"{at:g} ({samples})")
     if suspected:
-        ends_look, whose = "reading {} looks", "its position does"
-        if len(suspected) > 1:
-            ends_look, whose = "readings {} look", "their positions do"
         notices.append(Notice(
             "rails-suspected",
-            f"the extreme {ends_look.format(' and '.join(suspected))} clipped, as {whose} not "
-            "follow from the readings beside: left out. Give "
+            "extreme readings that look clipped, as their positions do not follow from the "
+            f"readings beside, are left out: {' and '.join(suspected)}. Give "
             f"--rails {widest[0]:g}:{widest[1]:g} to keep all.",
         ))  # fmt: skip
     return ((rails[0], rails[1]) if given or notices else None), notices
