@@ -218,3 +218,14 @@ def test_without_the_library_it_says_what_to_install(
     monkeypatch.setattr(workbook, "import_module", absent)
     with pytest.raises(LogError, match=r"pip install 'fluidact-fit\[excel\]'"):
         read_log(path)
+
+
+def test_a_sheet_of_words_is_refused_without_options_that_nobody_gave(tmp_path: Path) -> None:
+    """'with --decimal '.' and --delimiter' was said of every workbook without numbers."""
+    book = openpyxl.Workbook()
+    for row in [["time [s]", "p [bar]"], *([f"'{k}", "high"] for k in range(30))]:
+        book.active.append(row)
+    book.save(tmp_path / "log.xlsx")
+    with pytest.raises(LogError, match=r"no table of numbers was found\.") as caught:
+        read_log(tmp_path / "log.xlsx")
+    assert "--" not in caught.value.text

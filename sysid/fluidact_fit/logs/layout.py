@@ -101,7 +101,8 @@ class Written:
     """User's description of a log's layout; ``None`` where it is to be detected.
 
     ``decimal``, ``thousands`` and ``delimiter`` are signs; ``skip_rows`` lines at the top are not
-    looked at; ``header_row`` is the line of the header, from 1.
+    looked at; ``header_row`` is the line of the header, from 1. Where ``cells`` were written as
+    text to be read, the signs are not the user's.
     """
 
     decimal: str | None = None
@@ -109,11 +110,13 @@ class Written:
     delimiter: str | None = None
     skip_rows: int = 0
     header_row: int | None = None
+    cells: bool = False
 
     @property
     def given(self) -> dict[str, str | int]:
         """What the user has said, as options of the reader."""
-        return {name: value for name, value in vars(self).items() if value}
+        others = ("cells", "decimal", "thousands", "delimiter") if self.cells else ()
+        return {name: v for name, v in vars(self).items() if v and name not in others}
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def read_workbook(
             remedy="Leave them out: its cells are numbers.",
         )
     sheets, hidden = _sheets(raw, computed, source)
-    as_text = replace(written, delimiter="\t", decimal=".")
+    as_text = replace(written, delimiter="\t", decimal=".", cells=True)
     found: dict[str, tuple[Source, Layout]] = {}
     failures: dict[str, LogError] = {}
     for title, text in sheets.items():
