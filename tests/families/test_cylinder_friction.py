@@ -413,6 +413,27 @@ def test_a_jitter_of_the_stamps_is_no_noise_of_the_position() -> None:
         assert abs(q.number - 40.0) < 4.0 * float(q.std_error or 0.0) < 1.0
 
 
+def test_noise_of_a_velocity_that_rests_is_no_curve_of_friction() -> None:
+    """It chose the samples beside a rest, and the filter left few: 20 of 20 were warned of."""
+    passed = 0
+    for k in range(8):
+        rng, t = np.random.default_rng([435, k]), 0.01 * np.arange(4000)
+        stroke, since = np.divmod(t, 1.5)
+        v = np.where(since < 1.0, 0.05 * (1.0 - np.cos(2.0 * np.pi * since)), 0.0)
+        v *= np.where(stroke % 2.0, -1.0, 1.0)
+        log = {
+            "time": t,
+            "force": cylinder_friction.friction(HAND, v) + 0.1 * rng.standard_normal(t.size),
+            "velocity": v + 5e-3 * rng.standard_normal(t.size),
+        }
+        found = ff.fit("cylinder-friction", log)
+        passed += found.verdict == "pass"
+        for name, true in HAND.items():
+            q = found.parameters[name]
+            assert abs(q.number - true) < 4.0 * float(q.std_error or 0.0)
+    assert passed >= 6  # 17 of 20 do
+
+
 def test_friction_that_varies_along_the_travel_is_named(tmp_path: Path) -> None:
     """By a tenth of its level, again every 50 mm: the levels were 15 standard errors off."""
     motions = [

@@ -42,8 +42,10 @@ class FilteredMotion:
     experiment, role
         The run, and the signal of its motion.
     velocity
-        Filtered; it gives the direction of a sample and is the instrument of the regression. Each
-        sample's own reading is left out of it where a velocity was measured.
+        Filtered; it gives the direction of a sample, and whether it moves.
+    instrument
+        The instrument of the regression: smoothed with little flattening, and without each
+        sample's own reading where a velocity was measured.
     regressor
         Velocity that belongs to the matched force: the measured one, or the filtered slope of a
         position.
@@ -66,6 +68,7 @@ class FilteredMotion:
     experiment: Experiment
     role: str
     velocity: FloatArray
+    instrument: FloatArray
     regressor: FloatArray
     sharp: FloatArray
     inside: BoolArray
@@ -183,14 +186,14 @@ def _filter(experiment: Experiment, role: str, half: int) -> FilteredMotion:
                 remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
             )
         v = experiment.sampled(role)
-        return motion(v, v, v, everywhere, 0.0, 0.0, exact=True)
+        return motion(v, v, v, v, everywhere, 0.0, 0.0, exact=True)
     step = experiment.signals[role].resolution
     if np.ptp(y) < 20.0 * step:
         step = 0.0  # a handful of exact levels, as in a table of plateaus
     uneven = experiment.time if experiment.time.size and not experiment.uniform else None
     noise = max(white_noise(y, uneven), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
-        return motion(y, y, y, everywhere, noise, noise)
+        return motion(y, y, y, y, everywhere, noise, noise)
     value, rate, inside = differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
@@ -203,14 +206,14 @@ def _filter(experiment: Experiment, role: str, half: int) -> FilteredMotion:
         far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
         inside = far if far.any() else inside
         quiet = noise * _slope_noise(experiment, half)
-        return motion(v, v, v, inside, quiet, quiet, half, kernel)
-    once = matched_kernel(half, 0)
+        return motion(v, v, v, v, inside, quiet, quiet, half, kernel)
+    once, velocity = matched_kernel(half, 0), fill(value, inside)
     sharp = sharpener(once)
-    smoothed, twice = filtered(fill(value, inside), sharp), np.convolve(once, sharp)
-    share, power = float(twice[twice.size // 2]), float(twice @ twice)
+    smoothed, twice = filtered(velocity, sharp), np.convolve(once, sharp)
+    share = float(twice[twice.size // 2])
     others = np.where(inside, (smoothed - share * y) / (1.0 - share), smoothed)
-    quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
-    return motion(others, y, smoothed, inside, quiet, noise, half)
+    quiet = noise * float(np.linalg.norm(once))
+    return motion(velocity, others, y, smoothed, inside, quiet, noise, half)
 
 
 def _slopes(
@@ -301,30 +304,25 @@ def _choose_slope(experiments: Sequence[Experiment], role: str) -> float:
 
 
 def _choose_smoothing(experiments: Sequence[Experiment], role: str) -> float:
-    """Half-width for velocities: least error of noise and flattening that the dead band needs [s].
+    """Half-width for velocities: least error of noise and flattening [s].
 
     ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
-    smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
+    smooths, ``k_0`` is each reading's share in itself, by which the variance of the noise goes
+    into ``K y``, and ``s`` the noise of the readings.
     """
     step, samples = min(e.sample_time for e in experiments), min(e.samples for e in experiments)
     best, chosen = np.inf, _HALF_WIDTHS[0]
     for half in _HALF_WIDTHS:
         if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motions, error = (
-            [_filter(e, role, _samples(e, role, half * step)) for e in experiments],
-            0.0,
-        )
-        for m in motions:
-            rest, others = (
-                (m.regressor - v)[m.inside] for v in (m.sharp, m.velocity)
-            )  # without the reading itself it is further off by that reading's share
-            share = 1.0 - float(rest @ rest) / max(float(rest @ others), 1e-300)
-            error += float(rest @ rest) + 2.0 * rest.size * share * m.raw**2
-        if error < best:
-            best, chosen = error, half
-        if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
-            break  # noise does not widen the dead band
+        error = 0.0
+        for e in experiments:
+            m = _filter(e, role, _samples(e, role, half * step))
+            rest = (m.regressor - m.velocity)[m.inside]
+            error += float(rest @ rest) + 2.0 * rest.size * m.noise**2
+        if error > best:
+            break
+        best, chosen = error, half
     return chosen * step
 
 

@@ -118,8 +118,8 @@ class FrictionData:
         if m.reach:
             at = reached(kept, m.kernel.size)
             evidence = [Evidence(self._columns(bare, rising, at), self.friction[at])]
-        elif m.regressor is not m.velocity:  # an instrument other than the column itself
-            instruments = self._columns(m.velocity, rise.columns(sign, m.velocity), kept)
+        elif m.regressor is not m.instrument:
+            instruments = self._columns(m.instrument, rise.columns(sign, m.instrument), kept)
             quiet = self._columns(m.sharp, rise.columns(sign, m.sharp), kept)
             evidence = [Evidence(columns, target), Evidence(quiet, target)]
         return Balance(
@@ -171,14 +171,12 @@ def _moving(motion: FilteredMotion, deadband: float) -> BoolArray:
     """Samples that move, and whose filter window holds no rest or reversal, shape ``(n,)``.
 
     Near a rest the filter spreads motion over samples at rest. At a reversal only what lies within
-    the dead band is left out, unless the matched force is a mean over it; a speed smoothed from its
-    neighbours may be on the wrong side of zero there, so its own reading decides with it.
+    the dead band is left out, unless the matched force is a mean over it.
     """
-    v = motion.velocity
-    turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
-    beside = turns[1:] | turns[:-1]
-    if not motion.reach:
-        beside &= np.abs(motion.regressor) <= 0.5 * deadband
+    v, beside = motion.velocity, np.zeros(motion.velocity.size, dtype=bool)
+    if motion.reach:
+        turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
+        beside = turns[1:] | turns[:-1]
     idle, kept = (np.abs(v) <= deadband) | beside, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
