@@ -515,18 +515,20 @@ def _without_outliers(found: FitContext) -> FitContext:
 
 @contextmanager
 def _naming_what_was_read(notices: Sequence[Notice]) -> Iterator[None]:
-    """Name what reading warned of first, where nothing can be determined: it may be the cause."""
+    """Name what reading warned of first, where nothing can be determined: it may be the cause.
+
+    So it may be where options do not fit the logs, as one that needs a time that is not in order.
+    """
     try:
         yield
-    except NotIdentifiedError as error:
+    except (NotIdentifiedError, UsageError) as error:
         found = [n.message for n in notices if not is_note(n.code)]
         if not found:
             raise
-        remedy = "\n".join([*found, error.remedy])
-        raise NotIdentifiedError(
-            error.what, where=error.where, expected=error.expected, remedy=remedy,
-            option=error.option,
-        ) from error  # fmt: skip
+        words = {"expected": error.expected, "remedy": "\n".join([*found, error.remedy])}
+        if isinstance(error, NotIdentifiedError):
+            words["option"] = error.option
+        raise type(error)(error.what, where=error.where, **words) from error
 
 
 @contextmanager

@@ -260,6 +260,18 @@ def test_motion_too_fast_for_its_samples_is_refused() -> None:
     assert codes(fit([e], mass=0.14)) == []
 
 
+def test_rows_out_of_order_are_named() -> None:
+    """A mass was said to need a time, and motion to be noise or to need other columns."""
+    rng = np.random.default_rng(437)
+    (log,) = cylinder_friction.record(rng, motions=(cylinder_friction.STROKES,))
+    order = rng.permutation(log["time"].size)
+    shuffled = {r: v if r == "time" else v[order] for r, v in log.items()}
+    with pytest.raises(NotIdentifiedError, match="sort the rows by time"):
+        ff.fit("cylinder-friction", shuffled)
+    with pytest.raises(UsageError, match=r"'time', the time, goes back on .* it is not in order"):
+        ff.fit("cylinder-friction", {**log, "time": log["time"][order]}, mass=0.2)
+
+
 def test_mirrored_motion_swaps_the_levels() -> None:
     e = record(TWO_SPEEDS)
     mirrored = make_experiment(e.time, force=-e["force"], position=-e["position"])

@@ -381,9 +381,9 @@ def sides_moved(data: Sequence[FrictionData]) -> list[str]:
             "in motion",
             expected="Nothing was written.",
             remedy="Record strokes in both directions, or check --column and --unit of the "
-            "motion. Where it does move, sample faster or move more slowly (ten samples or more a "
-            "stroke: motion that changes from sample to sample looks like noise), or give "
-            "--deadband.",
+            "motion. Where it does move, sort the rows by time, sample faster or move more slowly "
+            "(ten samples or more a stroke: motion that changes from sample to sample looks like "
+            "noise), or give --deadband.",
         )
     return moved
 
