@@ -21,9 +21,9 @@ TRUTH = {
 DATASET = Path(__file__).parents[2] / "datasets" / "cylinder-friction"
 # of the fit of the README before viscous friction could differ by direction
 BEFORE = {
-    "viscous": (45.006491, 0.024887),
-    "coulomb_positive": (2.3957696, 0.0036195),
-    "coulomb_negative": (2.3940898, 0.0036172),
+    "viscous": (45.006585, 0.024887),
+    "coulomb_positive": (2.3957615, 0.0036191),
+    "coulomb_negative": (2.3940814, 0.0036172),
 }
 SIGMA = 0.1  # N
 

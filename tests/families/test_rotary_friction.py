@@ -91,13 +91,13 @@ def test_percent_of_a_rated_torque(tmp_path: Path) -> None:
     path = write(tmp_path / "r.csv", 1, ROTARY)
     text = path.read_text("utf-8")
     path.with_name("p.csv").write_text(
-        text.replace("torque [N m]", "torque [% of 2 N m]").replace("[rad/s]", "[rpm]"), "utf-8"
+        text.replace("torque [N m]", "torque [% of 10 N m]").replace("[rad/s]", "[rpm]"), "utf-8"
     )
     plain = ff.fit("cylinder-friction", path)
     rated = ff.fit("cylinder-friction", tmp_path / "p.csv")
-    factor = 0.02 * plain.parameters["coulomb_positive"].number
+    factor = 0.1 * plain.parameters["coulomb_positive"].number
     assert rated.parameters["coulomb_positive"].number == pytest.approx(factor, rel=1e-9)
-    scaled = ff.read_log(tmp_path / "p.csv", units={"torque": "N m"}, scales={"torque": 0.02})
+    scaled = ff.read_log(tmp_path / "p.csv", units={"torque": "N m"}, scales={"torque": 0.1})
     same = ff.fit("cylinder-friction", scaled)
     assert same.parameters["viscous"].number == pytest.approx(
         rated.parameters["viscous"].number, rel=1e-9

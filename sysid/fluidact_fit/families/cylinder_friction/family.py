@@ -210,9 +210,9 @@ class CylinderFriction(Family[FrictionOptions]):
             plant.options.unpressed, acceleration_limit=None, turn_limit=None, force_offset=None
         )
         (d,), _ = prepare(moved, [experiment], free)
-        slope = d.motion.acceleration
-        if free.moved is None and slope is not None:
-            d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
+        if free.moved is None:
+            slope = np.abs(d.motion.acceleration)
+            d = replace(d, kept=d.kept & (slope <= 0.01 * float(slope.max())))
         law, v = FrictionLaw.of(plant.numbers), d.motion.sharp
         rise, sign = Rise(law.stribeck, law.stribeck_speed), np.sign(v)
         columns = friction_columns(sign, v, rise.columns(sign, v))

@@ -44,8 +44,8 @@ class FilteredMotion:
     velocity
         Filtered; it gives the direction of a sample, and whether it moves.
     instrument
-        The instrument of the regression: smoothed with little flattening, and without each
-        sample's own reading where a velocity was measured.
+        That of the regression: where a velocity was measured, filtered without each sample's own
+        reading.
     regressor
         Velocity that belongs to the matched force: the measured one, or the filtered slope of a
         position.
@@ -80,9 +80,8 @@ class FilteredMotion:
 
     def is_that_of(self, experiment: Experiment, half: int) -> bool:
         """Return whether a run has the same readings of the motion and its filter this length."""
-        own, other = (e.signals[self.role].values for e in (self.experiment, experiment))
-        same = own is other and self.experiment.time is experiment.time
-        return same and half == self.half
+        same = self.experiment[self.role] is experiment[self.role]
+        return same and self.experiment.time is experiment.time and half == self.half
 
     def speed_at(self, share: float) -> float:
         """Quantile of the speed [m/s]."""
@@ -111,16 +110,14 @@ class FilteredMotion:
         return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
 
     @cached_property
-    def acceleration(self) -> FloatArray | None:
-        """Derivative of the filtered velocity, ``(n,)`` [m/s2]; ``None`` without time."""
-        if self.exact:
+    def acceleration(self) -> FloatArray:
+        """Derivative of the filtered velocity, ``(n,)`` [m/s2]; zero without time and at steps."""
+        if self.exact or not self.experiment.time.size:
             return np.zeros(self.velocity.size)
-        if not self.experiment.time.size:
-            return None
         return central_difference(self.velocity if self.reach else self.sharp, self.experiment.time)
 
     @cached_property
-    def quiet_acceleration(self) -> FloatArray | None:
+    def quiet_acceleration(self) -> FloatArray:
         """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
         From the filter that the log itself needs, that of a position is made longer as long as what
@@ -207,13 +204,10 @@ def _filter(experiment: Experiment, role: str, half: int) -> FilteredMotion:
         inside = far if far.any() else inside
         quiet = noise * _slope_noise(experiment, half)
         return motion(v, v, v, v, inside, quiet, quiet, half, kernel)
-    once, velocity = matched_kernel(half, 0), fill(value, inside)
-    sharp = sharpener(once)
-    smoothed, twice = filtered(velocity, sharp), np.convolve(once, sharp)
-    share = float(twice[twice.size // 2])
-    others = np.where(inside, (smoothed - share * y) / (1.0 - share), smoothed)
-    quiet = noise * float(np.linalg.norm(once))
-    return motion(velocity, others, y, smoothed, inside, quiet, noise, half)
+    kernel, v = matched_kernel(half, 0), fill(value, inside)
+    others = np.where(inside, (v - kernel[half] * y) / (1.0 - kernel[half]), v)
+    quiet = noise * float(np.linalg.norm(kernel))
+    return motion(v, others, y, filtered(v, sharpener(kernel)), inside, quiet, noise, half)
 
 
 def _slopes(

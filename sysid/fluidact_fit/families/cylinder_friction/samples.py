@@ -70,11 +70,6 @@ class FrictionData:
         """Logged drive, shape ``(n,)`` [N]."""
         return self.scale * self.experiment.sampled(self.variant.output.name)
 
-    @property
-    def resolution(self) -> float:
-        """Step of the logged drive [N]."""
-        return abs(self.scale) * self.experiment.signals[self.variant.output.name].resolution
-
     def text(self, force: float, form: str = ".3g") -> str:
         """Format a force or torque [SI] for a message, in the unit of the log where it has one."""
         signal = self.experiment.signals.get(self.axis.drive)
@@ -96,9 +91,7 @@ class FrictionData:
         out = friction_columns(np.sign(self.motion.velocity[at]), speed[at], [c[at] for c in rise])
         one = np.ones(int(at.sum()))
         out |= {"offset": one, f"offset[{self.experiment.log}]": one}
-        if self.motion.acceleration is not None:
-            out[MASS] = self.motion.acceleration[at]
-        return out
+        return out | {MASS: self.motion.acceleration[at]}
 
     def balance(self, rise: Rise, step: float) -> Balance:
         """The run as a balance of forces about a Stribeck level and speed."""
@@ -130,7 +123,8 @@ class FrictionData:
 
 def friction_model(data: Sequence[FrictionData]) -> RegressionModel:
     """Balance of the forces in motion over all runs; slow samples are left out already."""
-    step = known = max(d.resolution for d in data)
+    output = data[0].variant.output.name
+    step = known = max(abs(d.scale) * d.experiment.signals[output].resolution for d in data)
     if not known:  # every log may keep a reading of its own
         step = common_step(np.unique(np.concatenate([d.reading for d in data])))
     return RegressionModel(
@@ -232,9 +226,7 @@ def _prepare(
         scale = -1.0 if options.pressures == "drive" else 1.0
         known = scale * (first - second)
     rest = scale * e.sampled(output) - known if output in e else np.zeros(e.samples)
-    inertia = np.zeros(e.samples)
-    if options.moved and motion.quiet_acceleration is not None:
-        inertia = options.moved * motion.quiet_acceleration
+    inertia = options.moved * motion.quiet_acceleration if options.moved else np.zeros(e.samples)
     rest = rest - inertia
     slow = 0.0 if motion.exact else options.deadband or 0.0
     moving = np.abs(motion.velocity) > slow
@@ -247,7 +239,7 @@ def described(motion: FilteredMotion, options: FrictionOptions) -> BoolArray:
     limit, within = options.acceleration_limit, np.ones(motion.velocity.size, dtype=bool)
     if options.turn_limit is not None:
         within &= motion.turns <= options.turn_limit
-    if limit is not None and motion.acceleration is not None:
+    if limit is not None:
         within &= np.abs(motion.acceleration) <= limit
     return within
 
@@ -264,12 +256,11 @@ def leave_out_accelerations(
 
     The mass is estimated along with friction, only to see where its force exceeds a share of it.
     """
-    slopes = [a for d in data if (a := d.motion.acceleration) is not None]
-    if options.moved is not None or options.is_settled or len(slopes) < len(data):
+    step = min(d.experiment.sample_time for d in data)
+    if options.moved is not None or options.is_settled or not step:
         return data, options, []
-    size = np.concatenate([np.abs(a[d.kept]) for d, a in zip(data, slopes)])
-    fast = float(np.abs(speeds(data)).max())
-    if size.max() <= 1e-9 * fast / min(d.experiment.sample_time for d in data):
+    size = np.concatenate([np.abs(d.motion.acceleration[d.kept]) for d in data])
+    if size.max() <= 1e-9 * float(np.abs(speeds(data)).max()) / step:
         return data, options, []  # rounding, no acceleration
     mass = Estimator(friction_model(data), [*LEVELS, "viscous", MASS]).solve().free.values[MASS]
     share = _SMALL * half_range(data)
