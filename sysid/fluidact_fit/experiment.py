@@ -146,6 +146,11 @@ class Experiment:
         """Return the values of a role, shape ``(n,)`` [SI]."""
         return self.signals[role].values
 
+    @property
+    def uneven(self) -> FloatArray | None:
+        """Instants of samples that lie on no grid, shape ``(n,)`` [s]; ``None`` of any others."""
+        return None if self.uniform or not self.time.size else self.time
+
     def sampled(self, role: str) -> FloatArray:
         """Return the values of a role at the samples, shape ``(n,)`` [SI].
 

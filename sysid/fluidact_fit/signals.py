@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from .experiment import FloatArray
 
-_PLACES = 65  # between two samples that a turn is looked for at
+_PLACES, _ROUNDS = 17, 12  # between two samples, then beside the best, where a turn is looked for
+_SMOOTH = 3.0  # times the larger bend beside a turn: a signal that bends more in it has a corner
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,9 @@ def turns_between(
 ) -> tuple[FloatArray, FloatArray]:
     """Find where a signal turned between two samples, beyond both by more than ``least``.
 
-    The parabolas through three samples on either side go on until they meet; one that would rise
-    the more steeply towards a peak is taken for a straight line.
+    Where the signal bends as much on either side as across the turn, it is the cubic through four
+    samples. Elsewhere the parabolas through three samples on either side go on until they meet;
+    one that would rise the more steeply towards a peak is taken for a straight line.
 
     Parameters
     ----------
@@ -101,25 +103,38 @@ def turns_between(
         return np.zeros(0), np.zeros(0)
     step = np.diff(time)
     slope = np.diff(values) / step
-    bend = np.diff(slope) / (time[2:] - time[:-2])
-    before, after = slope[1:-3], slope[3:-1]
-    least_slope = least / step[2:-2]  # no turn beyond that needs a look
+    bend = np.pad(np.diff(slope) / (time[2:] - time[:-2]), 1)  # straight at the ends
+    before, after = slope[:-2], slope[2:]
+    least_slope = least / step[1:-1]  # no turn beyond that needs a look
     steep = (np.abs(before) > least_slope) & (np.abs(after) > least_slope)
-    k = np.flatnonzero(steep & (before * after < 0.0)) + 2
+    k = np.flatnonzero(steep & (before * after < 0.0)) + 1
     way = np.sign(slope[k - 1])[:, None]  # 1 towards a peak
-    at = time[k, None] + np.linspace(0.0, 1.0, _PLACES) * (time[k + 1] - time[k])[:, None]
 
-    def beyond(end: npt.NDArray[np.intp], side: int) -> FloatArray:
+    def beyond(at: FloatArray, end: npt.NDArray[np.intp], side: int) -> FloatArray:
         """Go on from sample ``end``, whose neighbour is ``end + side``."""
-        line, curve = (end, end) if side > 0 else (end - 1, end - 2)
+        line = end if side > 0 else end - 1
         away, farther = at - time[end, None], at - time[end + side, None]
-        bends = np.minimum(way * bend[curve, None], 0.0)
+        bends = np.minimum(way * bend[end + side, None], 0.0)
         straight = values[end, None] + slope[line, None] * away
         return np.asarray(way * straight + bends * away * farther)
 
-    meeting = np.minimum(beyond(k, -1), beyond(k + 1, 1))
-    best = np.argmax(meeting, axis=1)
-    row = np.arange(k.size)
+    def through(at: FloatArray) -> FloatArray:
+        """Interpolate from sample ``k - 1`` to ``k + 2``."""
+        first, second, third = (at - time[k + j, None] for j in (-1, 0, 1))
+        change = ((bend[k + 1] - bend[k]) / (time[k + 2] - time[k - 1]))[:, None]
+        line = values[k - 1, None] + slope[k - 1, None] * first
+        return np.asarray(way * (line + first * second * (bend[k, None] + change * third)))
+
+    across, beside = bend[[k, k + 1]] * way[:, 0], bend[[k - 1, k + 2]] * way[:, 0]
+    smooth = (across.sum(axis=0) > _SMOOTH * beside.min(axis=0))[:, None]
+    row, low, high = np.arange(k.size), time[k], time[k + 1]
+    for _ in range(_ROUNDS):
+        at = low[:, None] + np.linspace(0.0, 1.0, _PLACES) * (high - low)[:, None]
+        meeting = np.minimum(beyond(at, k, -1), beyond(at, k + 1, 1))
+        meeting = np.where(smooth, through(at), meeting)
+        best = np.argmax(meeting, axis=1)
+        low = at[row, np.maximum(best - 1, 0)]
+        high = at[row, np.minimum(best + 1, _PLACES - 1)]
     peak = meeting[row, best]
     found = peak - np.maximum(way[:, 0] * values[k], way[:, 0] * values[k + 1]) > least
     return at[row, best][found], (way[:, 0] * peak)[found]

@@ -258,6 +258,18 @@ def test_a_turn_between_two_rows_is_no_lag(triangle: bool, noise: float) -> None
         assert abs(q.number - truth) < 4.0 * float(q.std_error or 0.0), name
 
 
+def test_a_turn_is_found_between_rows_at_uneven_instants() -> None:
+    """The instants are known: what differs from row to row is no noise of the drive."""
+    rng, t = np.random.default_rng(4), 1e-3 * np.arange(20 * 500)
+    x = 0.05 * (4.0 * np.abs((t / 2.71 + 0.3) % 1.0 - 0.5) - 1.0)
+    rows = np.arange(0, t.size - 7, 20) + rng.integers(0, 7, 500)
+    load = by_hand(0.5 * x, 2e-3)[rows] + 5e-6 * rng.standard_normal(500)
+    result = ff.fit("backlash", {"time": t[rows], "drive": x[rows], "load": load})
+    assert codes(result) <= {"uneven-sampling"}
+    play = result.parameters["play"]
+    assert abs(play.number - 2e-3) < 4.0 * float(play.std_error or 0.0)
+
+
 def test_a_late_load_is_said_where_the_drive_turns_between_two_rows() -> None:
     late = recorded_strokes(3, triangle=True, noise=5e-4, late=1)
     assert "unmodelled-response" in codes(ff.fit("backlash", late))

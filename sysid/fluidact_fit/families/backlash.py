@@ -127,7 +127,8 @@ def reach_of(e: Experiment) -> Reach:
         return low, high
     rows = e.time if e.time.size else np.arange(x.size, dtype=float)
     time = drive.time if e.time.size else rows
-    error = max(white_noise(drive.values), drive.resolution / sqrt(12.0))
+    codes = common_step(np.diff(drive.values)) / sqrt(12.0)
+    error = max(white_noise(drive.values, e.uneven if drive.values.size == x.size else None), codes)
     turned, there = turns_between(time, drive.values, _CLEAR * error)
     time, values = np.append(time, turned), np.append(drive.values, there)
     at = np.searchsorted(rows, time)
@@ -434,12 +435,13 @@ class Backlash(Family[BacklashOptions]):
             if other.solution.cost < fitted.solution.cost:
                 model, fitted, turns = farther, other, "between"
         _refuse_lead(fitted, variant)
-        fitted = _allow_for_readings(model, fitted, experiments[0].signals["drive"])
+        errors = [_reading_errors(e) for e in experiments]
+        fitted = _allow_for_readings(model, fitted, errors, experiments[0].signals["drive"])
         units = experiments[0].units
         whole = _with_offset(fitted, model)
         parameters, order, matrix = whole.quantities(variant.parameters, units)
         logs, notices = fitted.compare_logs(experiments)
-        noise = max(_reading_errors(x)[0] for x in model.drives)
+        noise = max(noise for noise, _ in errors)
         of_drive = {"drive": NoiseLevel(noise, _POWER)} if noise else {}
 
         return make_solution(
@@ -529,7 +531,9 @@ def _follow(plant: Plant[Any], e: Experiment, load: FloatArray | None = None) ->
     return follow(e.sampled("drive"), v["ratio"], v["play"], load, reach)
 
 
-def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitted:
+def _allow_for_readings(
+    model: PlayModel, fitted: Fitted, errors: Sequence[tuple[float, float]], drive: Signal
+) -> Fitted:
     """Add to the covariance what errors of the drive's readings do; warn where they shift the play.
 
     The readings are disturbed once more by as much as they are already, and the parameters explain
@@ -538,7 +542,6 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
     if not fitted.names:
         return fitted
     rng, table = np.random.default_rng(0), np.vstack(fitted.sensitivity())
-    errors = [_reading_errors(x) for x in model.drives]
     changes = (np.concatenate(_disturbed(model, fitted, errors, rng)) for _ in range(_DRAWS))
     moved = np.array([np.linalg.lstsq(table, change, rcond=None)[0] for change in changes])
     spread = np.atleast_2d(np.cov(moved.T))
@@ -559,11 +562,12 @@ def _allow_for_readings(model: PlayModel, fitted: Fitted, drive: Signal) -> Fitt
     return replace(out, notices=[*out.notices, Notice("input-noise-left", text)])
 
 
-def _reading_errors(readings: FloatArray) -> tuple[float, float]:
-    """White noise of readings, and the step of their codes, 0 where they show none [their unit]."""
+def _reading_errors(e: Experiment) -> tuple[float, float]:
+    """White noise of a drive, and the step of its codes, 0 where it shows none [its unit]."""
+    readings = e.sampled("drive")
     steps = np.abs(np.diff(readings))
     steps = steps[steps != 0.0]
-    step, noise = common_step(steps), white_noise(readings)
+    step, noise = common_step(steps), white_noise(readings, e.uneven)
     coded = steps.size and step > noise and np.median(steps) >= _CODES * step
     return noise, step if coded else 0.0
 
