@@ -183,27 +183,20 @@ class Regression:
     speed: float
     estimator: Estimator
 
-    def spikes(self, least: float = 0.0, aside: Sequence[BoolArray] = ()) -> int:
-        """Number of samples without weight, further off than ``least`` and not in ``aside``."""
+    def spikes(self, least: float = 0.0) -> int:
+        """Number of samples without weight, further off than ``least``."""
         limit = max(self.limit, least)
-        far = [np.abs(r) > limit for r in self.residuals]
-        if aside:
-            far = [f & ~a for f, a in zip(far, aside, strict=True)]
-        return int(sum(map(np.count_nonzero, far)))
+        return int(sum(np.count_nonzero(np.abs(r) > limit) for r in self.residuals))
 
     def spike_notices(
-        self,
-        least: float,
-        say: Callable[[float], str],
-        sensor: str,
-        aside: Sequence[BoolArray] = (),
+        self, least: float, say: Callable[[float], str], sensor: str
     ) -> Iterator[Notice]:
-        """Warn of samples that no friction explains, except those ``aside`` (a mask per run).
+        """Warn of samples that no friction explains.
 
         A sample of the other direction is off by the distance of the levels (``least``), and noise
         with long tails by more than normal noise; neither is a fault of the sensor.
         """
-        count, limit = self.spikes(least, aside), max(self.limit, least)
+        count, limit = self.spikes(least), max(self.limit, least)
         if not count:
             return
         yield Notice(

@@ -45,12 +45,6 @@ class Run:
         return law.force(self.drive, self.position, self.direction, self.velocity)
 
     @property
-    def turning(self) -> BoolArray:
-        """Used samples, ``(m,)``, that are the last before a turn, or of all: it may have come."""
-        way = self.direction[self.kept]
-        return np.append(way[1:] != way[:-1], np.ones(min(way.size, 1), dtype=bool))
-
-    @property
     def instrumented(self) -> Run:
         """The run with the instruments of its noisy columns in their place."""
         columns: dict[str, Any] = {name: i.values for name, i in self.instruments.items()}
@@ -188,7 +182,8 @@ def _away_from_reversals(
     """Samples whose friction has reversed: what moves has come far enough since the reversal.
 
     ``noise`` is the distance from the extreme within which a reversal may have come earlier.
-    Unless ``beside`` is 0, the extreme and ``beside - 1`` samples on either side are left out too.
+    The extreme itself may be past the turn, and is left out; unless ``beside`` is 0 so are
+    ``beside - 1`` samples on either side.
     """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(moves))
@@ -200,6 +195,7 @@ def _away_from_reversals(
         # the extreme on, unless what moves rests there in the end; a rod's rest may hide a turn
         part = (direction[begin] or 1.0) * moves[begin:end]
         last = int(np.argmax(part))
+        kept[begin + last] = False
         if end < moves.size or beside or part[-1] < part[last] - noise:
             if noise:
                 last = int(np.argmax(part > part[last] - noise)) - 1

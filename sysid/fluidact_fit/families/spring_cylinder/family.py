@@ -295,8 +295,7 @@ def _notices(fit: SpringFit, runs: Sequence[Run], variant: Variant) -> Iterator[
     """Samples without weight, and what the levels are of where no pressure was recorded."""
     found, solved = fit.found, fit.solved
     width = sum(abs(solved.values[n]) for n in LEVELS) + 2.0 * solved.values.get("stribeck", 0.0)
-    turning = [d.turning for d in runs]
-    yield from found.spike_notices(width, lambda force: f"{force:.3g} N", "load cell", turning)
+    yield from found.spike_notices(width, lambda force: f"{force:.3g} N", "load cell")
     if fit.equal:
         yield Notice(
             "levels-equal",

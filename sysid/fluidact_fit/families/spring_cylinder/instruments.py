@@ -82,7 +82,7 @@ def find_instruments(
         return {}  # rows without time have no neighbours
     out = {}
     for name, values in (("drive", drive), ("position", position), ("velocity", motion.rate)):
-        if (name != "velocity" or "velocity" in e) and (sigma := white_noise(values)):
+        if (name != "velocity" or "velocity" in e) and (sigma := white_noise(values, e.uneven)):
             out[name] = Instrument(mean_around(values, 1), sigma)
     if "position" in out and "velocity" not in e:
         slope = _slope_around(position)
