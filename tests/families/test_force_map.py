@@ -348,6 +348,18 @@ def cycles(n: int = 2000) -> FloatArray:
     return np.asarray(2.0 + np.abs(np.mod(np.arange(n) / 250.0, 2.0) - 1.0))
 
 
+def test_white_noise_of_the_force_is_no_structure_of_the_command() -> None:
+    """The command has no noise of its own; what the map leaves is that of the force."""
+    rng, t = np.random.default_rng(1), 0.01 * np.arange(3000)
+    u = 2.5 + 2.4 * np.sin(2.0 * np.pi * 0.31 * t)
+    x = 0.05 + 0.04 * np.sin(2.0 * np.pi * 0.057 * t)
+    force = 250.0 * u * (1.0 - 3.0 * x) + 20.0 * np.tanh(2.0 * u - 3.0) - 800.0 * x
+    log = {"time": t, "command": u, "position": x}
+    log["force"] = force + 6.0 * rng.standard_normal(t.size)
+    found = ff.fit("force-map", log, hidden="5")
+    assert found.verdict == "pass", found.notices
+
+
 def test_constant_position_is_said() -> None:
     u = cycles(1000)
     found = estimate(make(command=u, position=0.01, force=10.0 * u), hidden="2", starts=2)

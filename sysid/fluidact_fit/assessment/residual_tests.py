@@ -28,7 +28,7 @@ _MOST_SAMPLES = 50_000  # of a run that are correlated
 def residual_to_noise(
     family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> float | None:
-    """Ratio of the residual to the noise that output and inputs themselves show.
+    """Ratio of the residual to the noise that output, inputs and residual themselves show.
 
     Near one, the residual is noise. Far above, it is model error. ``None`` where there is no noise,
     or too few samples.
@@ -39,8 +39,10 @@ def residual_to_noise(
         samples = np.count_nonzero(used)
         if samples < policy.FEW:
             continue
-        error += sum_of_squares(all_of(s.residual, used))
-        floor += float(samples) * (noise_floor(all_of(s.measured, used), robust=False) ** 2 + own)
+        residual, measured = all_of(s.residual, used), all_of(s.measured, used)
+        error += sum_of_squares(residual)
+        noise = noise_floor(measured, robust=False) ** 2 + own
+        floor += float(samples) * max(noise, noise_floor(residual) ** 2)
     return sqrt(error / floor) if floor > 0.0 else None
 
 
