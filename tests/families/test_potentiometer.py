@@ -878,3 +878,19 @@ def test_readings_and_reference_that_are_exchanged_are_warned_of(tmp_path: Path)
         found = ff.fit("potentiometer", log, columns=columns)
         told = [n for n in found.notices if n.code == "columns-exchanged"]
         assert bool(told) == (reading == "s")
+
+
+@pytest.mark.parametrize("band", [0.01, 0.05])
+def test_a_difference_of_branches_that_vanishes_at_both_ends_has_its_own_band(band: float) -> None:
+    """No parabola over a bent curve is that difference: a wide band made up for it at the ends."""
+    rng, t = np.random.default_rng(5), np.arange(2000)
+    x = np.abs(2.0 * ((t / 571.3) % 1.0) - 1.0)
+    state = np.zeros(t.size)
+    for k in range(1, t.size):
+        state[k] = np.clip(state[k - 1] + 2.0 * (x[k] - x[k - 1]) / band, -1.0, 1.0)
+    y = x + 0.25 * x * (1.0 - x) - 0.15 * x * (1.0 - x) * (1.0 - 2.0 * x)
+    y = y + 0.01 * state * 4.0 * x * (1.0 - x) + 1e-4 * rng.standard_normal(t.size)
+    log = {"time": 0.01 * t, "reading": 10.0 * x, "reference": 0.1 * y}
+    found = ff.fit("potentiometer", log, branches="two")
+    assert found.verdict == "pass", found.notices
+    assert 0.5 < found.parameters["hysteresis_dead_band"].number / (10.0 * band) < 2.0

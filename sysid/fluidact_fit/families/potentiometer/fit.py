@@ -38,7 +38,7 @@ from .options import PotentiometerOptions
 from .rational_bezier import LOG_WEIGHT_LIMIT, BezierModel, bernstein, express, is_monotone
 
 MOST = 5  # highest degree of an automatic choice
-_DEGREES = (12, 2)  # of the mean and the difference of branches over the pooled curve, for that
+_DEGREES = (12, 4)  # of the mean and the difference of branches over the pooled curve, for that
 MATTERS = 2e-3  # share of the stroke that is worth a warning
 _DRAWS = 4  # of the noise of the readings
 _POWER = 0.1  # relative standard error of its power
