@@ -194,6 +194,18 @@ def test_noise_of_the_drive_that_widens_the_play_is_warned_of() -> None:
     assert result.parameters["play"].number > 1.03 * PLAY
 
 
+def test_the_interval_allows_for_noise_of_a_drive_that_rests_between_steps() -> None:
+    """The load follows the largest noise of every rest: the play comes out too wide."""
+    rng, log = np.random.default_rng(3), stroke(3, n=1600)
+    x = np.repeat(log["drive"][::16], 16)
+    log["load"] = by_hand(RATIO * x, PLAY) + NOISE * rng.standard_normal(x.size)
+    log["drive"] = x + NOISE * rng.standard_normal(x.size)
+    found = ff.fit("backlash", log)
+    assert "input-noise-left" in codes(found)
+    play = found.parameters["play"]
+    assert abs(play.number - PLAY) < 4.0 * float(play.std_error or 0.0)
+
+
 def test_codes_of_the_drive_widen_the_interval_of_the_play() -> None:
     """Each reversal is known no better than the drive was read there."""
     log, step = stroke(), 2e-4

@@ -40,7 +40,7 @@ from ..estimation.parametric import Fitted, fit_named
 from ..estimation.problem import Basis
 from ..estimation.recursion import behind_play, clamped
 from ..estimation.results import undetermined_error
-from ..estimation.uncertainty import covariance
+from ..estimation.uncertainty import covariance, widen_by
 from ..experiment import Experiment, FloatArray, Hold, IndexArray, Signal
 from ..family import (
     Curve,
@@ -545,8 +545,8 @@ def _allow_for_readings(
     changes = (np.concatenate(_disturbed(model, fitted, errors, rng)) for _ in range(_DRAWS))
     moved = np.array([np.linalg.lstsq(table, change, rcond=None)[0] for change in changes])
     spread = np.atleast_2d(np.cov(moved.T))
-    total = fitted.covariance + spread
-    counts = bool(np.any(np.diag(spread) > _COUNTS * np.diag(total)))
+    total = widen_by(fitted.covariance + spread, moved.mean(axis=0))
+    counts = bool(np.any(np.diag(total - fitted.covariance) > _COUNTS * np.diag(total)))
     out = replace(fitted, covariance=total, intervals={} if counts else fitted.intervals)
     # a load that follows more noise lies higher: the estimate makes up for it
     shift = -dict(zip(fitted.names, moved.mean(axis=0).tolist())).get("play", 0.0)
