@@ -366,7 +366,7 @@ def cycles(
 
 
 def test_a_turn_between_two_samples_is_no_delay_of_the_command() -> None:
-    """Behind noise of the force the last sample before a turn, which may be past it, is no spike."""
+    """Behind noise of the force the last sample before a turn may be past it, and is no spike."""
     found = [ff.fit("spring-cylinder", cycles(0.004, force_noise=8.0, seed=k)) for k in range(3)]
     assert [f.verdict for f in found] == ["pass"] * 3, [f.notices for f in found]
 
