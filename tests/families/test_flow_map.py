@@ -14,7 +14,7 @@ import fluidact_fit as ff
 from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
-from fluidact_fit.errors import NotIdentifiedError
+from fluidact_fit.errors import LogError, NotIdentifiedError
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.flow_map import FlowMapBlock, valve_command, valve_flow
 from fluidact_fit.result import FitResult
@@ -135,6 +135,17 @@ def test_a_side_that_was_never_crossed_is_refused_and_the_other_is_right() -> No
 def test_a_command_that_never_leaves_the_band_is_refused() -> None:
     with pytest.raises(NotIdentifiedError):
         ff.fit("flow-map", {**ramp(), "command": np.zeros(600)})
+
+
+def test_a_command_with_a_live_zero_is_refused_by_name() -> None:
+    log = ramp()
+    log["command"] = 12e-3 + 0.8e-3 * log["command"]
+    with pytest.raises(LogError, match="the flow has both signs, and the command only one"):
+        ff.fit("flow-map", log, units={"command": "A"})
+    rng = np.random.default_rng(0)
+    noise = {**log, "flow": 1e-6 * rng.standard_normal(log["command"].size)}
+    found = ff.fit("flow-map", noise, units={"command": "A"})  # of a valve that does not open
+    assert found.document.parameters["gain_positive"].status == "not_identified"
 
 
 def test_hysteresis_of_the_spool_is_said() -> None:

@@ -67,6 +67,7 @@ from ..routines import (
 
 SIDES = (("positive", 1.0), ("negative", -1.0))
 _LEAST_DROP = 1e-4  # of the reference: below it no flow says what it would be there
+_REVERSED = 0.1  # of the largest flow: means of lower and upper commands that noise does not leave
 _AGAINST = 0.5  # correlation of command and flow of the other sign, at which one is reversed
 
 
@@ -423,7 +424,19 @@ class FlowMap(Family[FlowMapOptions]):
 
 
 def _require_flow_along(u: FloatArray, q: FloatArray, dropped: bool) -> None:
-    """Refuse flows of the other sign than command and pressure drop (``LogError``)."""
+    """Refuse flows of the other sign than command and pressure drop (``LogError``).
+
+    So are flows of both signs where the command has one: its zero is elsewhere, as of 4 to 20 mA.
+    """
+    upper = u > np.median(u)
+    halves = [float(q[half].mean()) if half.any() else 0.0 for half in (upper, ~upper)]
+    reversed_by = min(max(halves), -min(halves))
+    if float(u.min()) * float(u.max()) >= 0.0 and reversed_by > _REVERSED * np.abs(q).max():
+        raise LogError(
+            "the flow has both signs, and the command only one",
+            expected="Expected a command that is zero where the valve is closed.",
+            remedy="Subtract from the command what it is there, such as 12 mA of 4 to 20 mA.",
+        )
     size = float(np.linalg.norm(u) * np.linalg.norm(q))
     if float(u @ q) < -_AGAINST * size:
         roles = ["flow", "command", *(["pressure_drop"] if dropped else [])]
