@@ -477,8 +477,8 @@ def find_uncertainty(
 def shift_by_noise(fit: MapFit[Any], rows: MapRows, disturbed: Iterable[MapRows]) -> FloatArray:
     """Shift of the free unknowns by noise of the inputs, shape ``(q,)``, to first order.
 
-    A fit to rows whose inputs are ``disturbed`` once more by as much as they are already moves as
-    far again (simulation extrapolation [4]_).
+    A fit to rows whose inputs are ``disturbed`` by more of the noise that they have already moves
+    on by as much (simulation extrapolation [4]_).
     """
 
     def step(rows: MapRows) -> FloatArray:
