@@ -184,7 +184,6 @@ def _search_degree(
 ) -> tuple[BezierFit, list[FloatArray]]:
     """Fit all degrees up to the one wanted; without one, choose by cross-validation.
 
-    The smallest within its standard error may still miss many samples beyond doubt.
     Each degree starts from the one before, elevated, as well: more degrees never fit worse.
     """
     wanted = request.options.degree_wanted
@@ -202,9 +201,7 @@ def _search_degree(
     if not wanted and highest > 1:
         folds = _folds(data)
         scores = [_score(data.few, f, folds) for f in ladder]
-        low, best = smallest_sufficient(scores), ladder[int(np.argmin([s.mean() for s in scores]))]
-        enough = (f for f in ladder[low:] if f is best or _tail(data, f, best) >= AT_ODDS)
-        degree = next(enough).model.degree
+        degree = smallest_sufficient(scores) + 1
     found = ladder[degree - 1]
     last = fit_map(found.model, rows, [found.theta], apart=True)
     return replace(last, tried=found.tried, agreeing=found.agreeing), scores
@@ -286,10 +283,9 @@ def _keep_monotone(
 def _tail(data: CalibrationData, restricted: BezierFit, fit: BezierFit) -> float:
     """p-value of the loss of fit of a restricted curve."""
     model = fit.model
-    extra = model.unknowns - restricted.model.unknowns or model.degree * model.branches
     return excess_tail(
-        data.rows.squares(restricted), data.rows.squares(fit), extra, data.rows.y.size,
-        model.unknowns,
+        data.rows.squares(restricted), data.rows.squares(fit), model.degree * model.branches,
+        data.rows.y.size, model.unknowns,
     )  # fmt: skip
 
 
