@@ -38,7 +38,8 @@ from .options import PotentiometerOptions
 from .rational_bezier import LOG_WEIGHT_LIMIT, BezierModel, bernstein, express, is_monotone
 
 MOST = 5  # highest degree of an automatic choice
-_DEGREES = (12, 4)  # of the mean and the difference of branches over the pooled curve, for that
+_MEAN, _DIFFERENCE = 12, (2, 4)  # degrees of branches over the pooled curve, for that
+_PER_DEGREE = 50  # samples of the difference, which is of the lower degree otherwise
 MATTERS = 2e-3  # share of the stroke that is worth a warning
 _DRAWS = 4  # of the noise of the readings
 _POWER = 0.1  # relative standard error of its power
@@ -120,7 +121,7 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     )
     at = data.sparse
     level = np.clip(model.value(pooled.theta, data.rows.x), 0.0, 1.0)
-    y, (mean, difference) = data.rows.y[at], (bernstein(level[at], n) for n in _DEGREES)
+    y, (mean, difference) = data.rows.y[at], (bernstein(level[at], n) for n in _degrees(data))
 
     def left(octaves: float) -> float:
         """Variance that branches with a band of ``finest * 2**octaves`` leave."""
@@ -148,21 +149,26 @@ def find_dead_band(data: CalibrationData, request: Request[PotentiometerOptions]
     return band
 
 
+def _degrees(data: CalibrationData) -> tuple[int, int]:
+    """Degrees of the mean and the difference of branches that the samples allow."""
+    return _MEAN, int(np.clip(data.rows.y.size // _PER_DEGREE, *_DIFFERENCE))
+
+
 def _difference_tail(data: CalibrationData, level: FloatArray, band: float) -> float:
     """p-value of the difference of both branches, Wald's test; ``level`` is the pooled curve."""
     from scipy.special import fdtrc
 
-    tables, residuals = [], []
+    tables, residuals, degrees = [], [], _degrees(data)
     for y, x, share in zip(*map(data.by_log, (data.rows.y, level)), _shares_before(data, band)):
         at = middle_of(y.size)
-        mean, difference = (bernstein(x[at], n) for n in _DEGREES)
+        mean, difference = (bernstein(x[at], n) for n in degrees)
         tables.append(np.hstack((mean, difference * (share[at, None] - 0.5))))
         residuals.append(y[at])
     found = np.linalg.lstsq(np.vstack(tables), joined(residuals), rcond=None)[0]
     spread = covariance(tables, [y - t @ found for t, y in zip(tables, residuals)])
-    tested = slice(_DEGREES[0] + 1, None)
+    tested = slice(degrees[0] + 1, None)
     size = found[tested] @ np.linalg.solve(spread.covariance[tested, tested], found[tested])
-    count = _DEGREES[1] + 1
+    count = degrees[1] + 1
     return float(fdtrc(count, spread.degrees, size / count))
 
 
