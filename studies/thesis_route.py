@@ -62,7 +62,7 @@ class DiscreteRoute:
         phi = np.array([[values["integrator_pole"], a], [0.0 * a, a]])
         y = _position(phi, push, np.zeros(2, push.dtype))
         speed = _position(phi, np.zeros(push.shape), np.array([0.0, 1.0]))
-        return Basis(y, np.zeros((y.size, 0)), np.column_stack((speed, np.ones(y.size))))
+        return Basis(y, local=[speed, np.ones(y.size)])
 
     def fit(self, start: Mapping[str, float]) -> Fitted:
         """Fit mass, damping, both edges and the pole from a start."""

@@ -33,9 +33,9 @@ def evenly(first: float, step: float, count: int) -> FloatArray:
     return first + np.arange(count, dtype=np.float64) * step
 
 
-def repeated(row: Array, count: int) -> Array:
-    """One row again and again, shape ``(count, ...)``; it is kept once."""
-    return np.broadcast_to(row, (count, *np.shape(row)))
+def repeated(value: float, count: int) -> FloatArray:
+    """One value again and again, shape ``(count,)``; it is kept once."""
+    return np.broadcast_to(np.float64(value), count)
 
 
 def square_sum(values: FloatArray) -> float:

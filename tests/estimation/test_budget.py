@@ -33,8 +33,7 @@ class Decay:
 
     def basis(self, index: int, eta: np.ndarray) -> Basis:
         self.passes.append(TIME.size)
-        none = np.zeros((TIME.size, 0))
-        return Basis(np.exp(-eta[0] * TIME), none, np.ones((TIME.size, 1)))
+        return Basis(np.exp(-eta[0] * TIME), local=[np.ones(TIME.size)])
 
 
 class Sloped(Decay):

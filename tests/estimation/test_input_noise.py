@@ -29,7 +29,7 @@ class FirstOrder:
         pole, gain = eta
         b = np.array([0.0, (1.0 - pole) * gain])
         known = lfilter(b, np.array([1.0, -pole]), self.inputs[index])
-        return Basis(known, np.zeros((N, 0)), np.ones((N, 1)))
+        return Basis(known, local=[np.ones(N)])
 
 
 def record(
@@ -103,7 +103,7 @@ class BehindDeadZone(FirstOrder):
         edge, gain = eta
         driving = np.where(np.real(self.inputs[index] - edge) > 0.0, self.inputs[index] - edge, 0.0)
         known = gain * np.concatenate(([0.0], np.cumsum(driving)[:-1])) / N
-        return Basis(known, np.zeros((N, 0)), np.ones((N, 1)))
+        return Basis(known, local=[np.ones(N)])
 
 
 def test_noise_that_passes_while_the_output_moves_widens_the_intervals() -> None:

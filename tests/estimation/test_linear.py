@@ -19,6 +19,7 @@ from fluidact_fit.estimation.inputs import (
 from fluidact_fit.estimation.linear import forced_response, free_response, transition
 from fluidact_fit.estimation.recursion import scan
 from fluidact_fit.experiment import Signal
+from fluidact_fit.rows import BLOCK_ROWS
 
 RNG = np.random.default_rng(4)
 
@@ -139,11 +140,12 @@ def test_dead_zone_kinks_lie_between_the_samples() -> None:
 
 def test_free_response_of_a_fast_system_ends() -> None:
     a, _, c = oscillator(50.0, 0.7)
-    grid = make_grid(np.arange(20_000) * 0.01)
+    grid = make_grid(np.arange(100_000) * 0.01)
     y = free_response(a, c, grid, range(2))
-    assert y.shape == (20_000, 2)
-    np.testing.assert_allclose(y[:3, 0], [c @ expm(a * 0.01 * k) @ [1, 0] for k in range(3)])
-    assert np.abs(y[-1]).max() < 1e-12
+    assert y.shape == (2, 100_000)
+    np.testing.assert_allclose(y[0, :3], [c @ expm(a * 0.01 * k) @ [1, 0] for k in range(3)])
+    assert np.abs(y[:, 20_000:]).max() < 1e-12
+    assert not y[:, BLOCK_ROWS + 1 :].any()
 
 
 def test_rounded_time_stamps_are_one_grid() -> None:

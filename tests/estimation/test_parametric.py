@@ -17,7 +17,7 @@ SPEC = (ParameterSpec("rate", "1/s", "rate of decay", minimum=0.0, remedy="Sampl
 
 
 def decay(index: int, values: Values) -> Basis:
-    return Basis(np.exp(-values["rate"] * TIME), np.zeros((100, 0)), np.zeros((100, 0)))
+    return Basis(np.exp(-values["rate"] * TIME))
 
 
 def fit(fastest: float = 5.0, **request: tuple[float, float]) -> float:
@@ -48,12 +48,11 @@ def test_a_value_on_a_bound_that_was_given_is_a_result() -> None:
 def test_readings_of_a_converter_are_weighed_as_their_residuals_are() -> None:
     """Two logs, every residual times the same number: no interval changes."""
     x = np.repeat(np.tile([-1.0, -0.61, -0.2, 0.27, 0.6, 1.0], 4), 20)
-    columns = np.column_stack((np.ones(x.size), x))
     step, y = 0.1, 1.37 + 1.23 * x
     coarse = step * np.round((y + 1e-3 * np.random.default_rng(3).standard_normal(x.size)) / step)
 
     def line(index: int, values: Values) -> Basis:
-        return Basis(np.zeros(x.size), columns, columns[:, :0])
+        return Basis(np.zeros(x.size), [np.ones(x.size), x])
 
     model = NamedModel(
         (), ("level", "slope"), line, [coarse, coarse], resolutions=[step] * 2, logs=[0, 1],

@@ -23,7 +23,7 @@ class Decay:
 
     def basis(self, index: int, eta: np.ndarray) -> Basis:
         t = self.times[index]
-        return Basis(np.zeros(t.size), np.exp(-eta[0] * t)[:, None], np.ones((t.size, 1)))
+        return Basis(np.zeros(t.size), [np.exp(-eta[0] * t)], [np.ones(t.size)])
 
 
 def make(seed: int = 0, logs: int = 2, **bounds: float) -> Problem:
@@ -70,8 +70,7 @@ class Residuals:
 
     def basis(self, index: int, eta: np.ndarray) -> Basis:
         rows = self.function(eta)
-        none = np.zeros((self.samples, 0))
-        return Basis(np.append(rows, np.zeros(self.samples - rows.size)), none, none)
+        return Basis(np.append(rows, np.zeros(self.samples - rows.size)))
 
 
 def test_a_fit_does_not_end_with_a_step_that_is_short_for_its_damping_alone() -> None:

@@ -36,7 +36,7 @@ def rows_of(
     """
     for at in blocks(len(columns[0])):
         rows = slice(max(at.start - before, 0), at.stop)
-        block = side_by_side(*(x[rows] for x in columns)) if len(columns) > 1 else columns[0][rows]
+        block = side_by_side(*(x[rows] for x in columns))
         yield block if mean is None else block - mean
 
 

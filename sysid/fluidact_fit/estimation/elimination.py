@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import side_by_side
+from ..rows import blocks
 from .blocks import condense, rows_of
 from .least_squares import (
     NEGLIGIBLE,
@@ -35,21 +35,19 @@ class _Table:
     own: FloatArray
 
     @classmethod
-    def of(cls, local: FloatArray, *others: FloatArray, own: FloatArray | None = None) -> _Table:
-        """Columns beside each other, shapes ``(n, c)`` or ``(n,)``; ``own`` where it is known.
+    def of(cls, columns: Sequence[FloatArray], local: int, own: FloatArray | None = None) -> _Table:
+        """Columns ``(n,)`` beside each other, so many of them local; ``own`` where it is known.
 
         Raises
         ------
         LinAlgError
             Where the model gives no finite numbers.
         """
-        table = condense(rows_of((local, *others)))
+        table = condense(rows_of(columns))
         if not np.all(np.isfinite(table)):
             raise np.linalg.LinAlgError("the model gives no finite numbers")
-        short, kept = len(table) != len(local), table[:, : local.shape[1]]
-        return cls(
-            kept, table[:, local.shape[1] :], orthonormal(kept) if own is None or short else own
-        )
+        short, kept = len(table) != len(columns[0]), table[:, :local]
+        return cls(kept, table[:, local:], orthonormal(kept) if own is None or short else own)
 
     @cached_property
     def projected(self) -> FloatArray:
@@ -75,7 +73,7 @@ class Eliminated:
         self.eta = eta
         self.bases = bases or [problem.basis(i, eta) for i in range(len(problem.measured))]
         self.tables = [
-            _Table.of(*problem.weigh(i, b.local, b.shared, y - b.known))
+            _Table.of(problem.weigh(i, *b.local, *b.shared, y - b.known), len(b.local))
             for i, (b, y) in enumerate(zip(self.bases, problem.measured, strict=True))
         ]
         self.linear, self.linear_active = self._solve_shared()
@@ -107,19 +105,22 @@ class Eliminated:
 class Tangent:
     """Derivatives of the model by ``eta`` at a fit.
 
-    ``raw`` holds them weighed, shape ``(n_i, p)``; ``tables`` hold them between shared columns and
-    rest.
+    ``rows`` hold them weighed, with room for those by the shared unknowns, shape ``(p + q, n_i)``;
+    ``tables`` hold them between shared columns and rest.
     """
 
     def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
         self.fit = fit
-        self.raw, self.tables = [], []
-        problem = fit.problem
+        self.rows, self.tables = [], []
+        problem, p = fit.problem, fit.eta.size
         for i, (b, y, t) in enumerate(zip(fit.bases, problem.measured, fit.tables, strict=True)):
-            j = problem.derivatives(i, fit.eta, scales, fit.linear, fit.local[i]).T
-            local, shared, raw, rest = problem.weigh(i, b.local, b.shared, j, y - b.known)
-            self.raw.append(raw)
-            self.tables.append(_Table.of(local, shared, raw, rest, own=t.own))
+            rows = np.empty((p + fit.linear.size, y.size))
+            problem.write_derivatives(i, fit.eta, scales, fit.linear, fit.local[i], rows[:p])
+            columns = problem.weigh(i, *b.local, *b.shared, *rows[:p], y - b.known)
+            for row, column in zip(rows, columns[len(columns) - 1 - p : -1]):
+                row[:] = column
+            self.rows.append(rows)
+            self.tables.append(_Table.of(columns, len(b.local), t.own))
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """Derivatives, local and free shared columns projected out, and residuals."""
@@ -131,11 +132,14 @@ class Tangent:
 
     def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
         """Residuals and Jacobian of one experiment at a fit close by; uses up the derivatives."""
-        b, count = fit.bases[index], fit.linear.size
+        b, rows, p, q = fit.bases[index], self.rows[index], fit.eta.size, fit.linear.size
         rest = fit.problem.measured[index] - b.combined(fit.linear, fit.local[index])
-        local, shared, rest = fit.problem.weigh(index, b.local, b.shared, rest)
-        by_local = self.tables[index].explained[:, count:-1]
-        for column, explained in zip(self.raw[index].T, by_local.T, strict=True):
-            column -= local @ explained
-        shared = shared - local @ fit.tables[index].explained[:, :-1]
-        return rest, side_by_side(self.raw[index], shared)
+        *columns, rest = fit.problem.weigh(index, *b.local, *b.shared, rest)
+        local, shared = columns[: len(b.local)], columns[len(b.local) :]
+        for row, column in zip(rows[p:], shared, strict=True):
+            row[:] = column
+        by_local = self.tables[index].explained[:, q:-1], fit.tables[index].explained[:, :-1]
+        explained = np.hstack(by_local)
+        for at, own in zip(blocks(rest.size), rows_of(local), strict=True) if local else ():
+            rows[:, at] -= (own @ explained).T
+        return rest, rows.T

@@ -39,20 +39,17 @@ def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Inform
     """
     names, count = model.nonlinear, len(model.linear)
     basis = model.columns(0, values)
-    shared = np.zeros(basis.shared.shape[1])
+    shared, local = np.zeros(len(basis.shared)), np.zeros(len(basis.local))
     shared[:count] = [float(values[n]) for n in model.linear]
-    local = np.zeros(basis.local.shape[1])
     if model.slopes is not None:
-        rows = model.slopes(0, dict(values), list(names))[1]
+        rows = list(model.slopes(0, dict(values), list(names))[1])
     else:
         steps = [STEP * max(abs(float(values[n])), 1e-9) for n in names]
         moved = [{**values, n: float(values[n]) + 1j * h} for n, h in zip(names, steps)]
-        rows = np.array([
-            np.imag(model.columns(0, v).combined(shared, local)) / h for v, h in zip(moved, steps)
-        ])  # fmt: skip
-    jacobian = np.column_stack((*rows, basis.shared[:, :count]))
-    nuisance = np.column_stack((basis.shared[:, count:], basis.local))
+        rows = [model.columns(0, v).slope(shared, local, h) for v, h in zip(moved, steps)]
     output = level + basis.combined(shared, local)
+    jacobian = np.array([*rows, *basis.shared[:count]]).T
+    nuisance = np.reshape([*basis.shared[count:], *basis.local], (-1, output.size)).T
     return Information((*names, *model.linear), project_out(jacobian, nuisance), output)
 
 

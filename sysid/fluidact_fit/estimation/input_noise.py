@@ -259,12 +259,12 @@ def _converter(signal: Signal) -> float:
 
 
 def _likelihood(
-    local: Sequence[Array], at: StationaryPoint, whitening: Sequence[Whitening]
+    local: Sequence[Sequence[Array]], at: StationaryPoint, whitening: Sequence[Whitening]
 ) -> float:
     """Log-likelihood of the residual, maximised over its scale and all unknowns."""
     rows, logarithm = [], 0.0
     for f, r, j, own_columns in zip(whitening, at.residuals, at.jacobian, local):
-        white = f.filter(np.column_stack((j, r, own_columns)))
+        white = f.filter(np.column_stack((j, r, *own_columns)))
         own = j.shape[1] + 1
         rows.append(project_out(white[:, :own], white[:, own:]))
         logarithm += f.logarithm(r.size)

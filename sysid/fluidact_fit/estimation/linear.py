@@ -110,10 +110,8 @@ def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[A
     return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
 
 
-def free_response(
-    a: Array, c: Array, grid: Grid, states: Sequence[int], offset: bool = False
-) -> Array:
-    """Outputs ``C exp(A (t - t0)) e_i`` for some unit initial states, shape ``(m, k)``.
+def free_response(a: Array, c: Array, grid: Grid, states: Sequence[int]) -> Array:
+    """Outputs ``C exp(A (t - t0)) e_i`` for some unit initial states, shape ``(k, m)``.
 
     Parameters
     ----------
@@ -123,28 +121,26 @@ def free_response(
         Instants of the log.
     states
         The ``i``.
-    offset
-        Whether a column of ones follows them.
     """
     count, chosen = grid.instants.size, list(states)
     phi = transition(a, None, grid.distinct)[0]
-    out = np.empty((len(chosen) + offset, count), dtype=np.result_type(phi, c)).T
-    out[:, len(chosen) :] = 1.0
-    responses = out[:, : len(chosen)]
+    out = np.zeros((len(chosen), count), dtype=np.result_type(phi, c))
     if phi.shape[0] > 1:
         each = phi[grid.which]
 
         def unforced(at: slice) -> Array:
             return np.zeros((len(each[at]), c.size))
 
-        for column, start in zip(responses.T, np.eye(c.size)[chosen]):
+        for response, start in zip(out, np.eye(c.size)[chosen]):
             for at, state in scan(each, unforced, start, count - 1):
-                column[at] = state @ c
+                response[at] = state @ c
         return out
     row = c
     for at in blocks(count):
+        if not row.any():  # what has died away is not written: zeros take no memory
+            break
         rows = orbit(row, phi[0], at.stop - at.start + 1) if phi.size else row[None]
-        responses[at], row = rows[: at.stop - at.start, chosen], rows[-1]
+        out[:, at], row = rows[: at.stop - at.start, chosen].T, rows[-1]
     return out
 
 

@@ -102,12 +102,10 @@ class NamedModel:
 
     def without_linear(self) -> NamedModel:
         """Return the model with its linear parameters appended to the nonlinear ones."""
-        count = len(self.linear)
 
         def columns(index: int, values: Values) -> Basis:
-            b = self.columns(index, values)
-            own = np.array([values[n] for n in self.linear])
-            return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
+            own = [values[n] for n in self.linear]
+            return self.columns(index, values).holding([*own, *[None] * len(self.nuisance)])
 
         names = (*self.nonlinear, *self.linear)
         return replace(self, nonlinear=names, linear=(), columns=columns, slopes=None)
@@ -124,8 +122,7 @@ class _HeldModel:
     def __init__(self, model: NamedModel, held: Mapping[str, float]) -> None:
         self.model, self.held = model, held
         self.names = [n for n in model.nonlinear if n not in held]
-        self.free = np.array([n not in held for n in model.every_linear], dtype=bool)
-        self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
+        self.sizes = [held.get(n) for n in model.every_linear]
         if model.slopes is not None:
             self.slopes = self._slopes
 
@@ -143,11 +140,7 @@ class _HeldModel:
 
     def basis(self, index: int, eta: Array) -> Basis:
         """Columns of the free unknowns; those of held ones are part of the known output."""
-        b = self.model.columns(index, self._values(eta))
-        if self.free.all():
-            return b
-        known = b.known + b.shared[:, ~self.free] @ self.fixed
-        return Basis(known, b.shared[:, self.free], b.local)
+        return self.model.columns(index, self._values(eta)).holding(self.sizes)
 
     def _slopes(self, index: int, eta: FloatArray) -> FloatArray:
         assert self.model.slopes is not None

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, FloatArray
-from ..rows import side_by_side
+from ..rows import blocks, side_by_side
 from ..specification import STEP
 from .budget import simulated
 from .whitening import Whitening
@@ -38,31 +38,43 @@ def bounds_of(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
 class Basis:
     """The columns of one experiment at given ``eta`` (real or complex).
 
-    ``known`` has shape ``(n,)``, ``shared`` ``(n, number of shared linear unknowns)``,
-    ``local`` ``(n, number of local ones)``.
+    Each has shape ``(n,)``: what is ``known``, a column for every ``shared`` linear unknown, and
+    one for every ``local`` one.
     """
 
     known: Array
-    shared: Array
-    local: Array
+    shared: Sequence[Array] = ()
+    local: Sequence[Array] = ()
 
-    def combined(self, shared: FloatArray, local: FloatArray) -> Array:
+    def combined(self, shared: FloatArray, local: FloatArray) -> FloatArray:
         """Output of the model with some linear unknowns, shape ``(n,)``."""
-        kind = np.result_type(self.known, self.shared, self.local)
-        out = np.array(self.known, dtype=kind)
-        for columns, sizes in ((self.shared, shared), (self.local, local)):
-            if sizes.size:
-                out += columns @ sizes
+        return self._sum(list(self._parts(shared, local)))
+
+    def slope(self, shared: FloatArray, local: FloatArray, step: float) -> FloatArray:
+        """Derivative of `combined` by what was moved by ``1j step``, shape ``(n,)``."""
+        parts = self._parts(shared, local)
+        return self._sum([(x.imag, s / step) for x, s in parts if np.iscomplexobj(x)])
+
+    def _parts(self, shared: FloatArray, local: FloatArray) -> Iterable[tuple[Array, float]]:
+        columns = (self.known, *self.shared, *self.local)
+        return zip(columns, (1.0, *shared, *local), strict=True)
+
+    def _sum(self, parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
+        """Sum of columns of some sizes, shape ``(n,)``."""
+        out = np.zeros(len(self.known))
+        for at in blocks(out.size):
+            for column, size in parts:
+                out[at] += size * column[at]
         return out
 
-    def change(self, shared: FloatArray, local: FloatArray) -> FloatArray:
-        """Imaginary part of `combined`, shape ``(n,)``; a column without one is not touched."""
-        out = np.array(np.imag(self.known))
-        for columns, sizes in ((self.shared, shared), (self.local, local)):
-            if np.iscomplexobj(columns):
-                for column, size in zip(columns.T, sizes, strict=True):
-                    out += np.imag(column) * size
-        return out
+    def holding(self, sizes: Sequence[float | None]) -> Basis:
+        """The columns where some shared unknowns are held; ``None`` for those that are not."""
+        known = self.known
+        for column, size in zip(self.shared, sizes, strict=True):
+            if size is not None:
+                known = known + column * size
+        free = [column for column, size in zip(self.shared, sizes) if size is None]
+        return Basis(known, free, self.local)
 
 
 class Model(Protocol):
@@ -128,37 +140,33 @@ class Problem:
         bases = (self.basis(i, at.eta) for i in range(len(self.measured)))
         return [b.combined(at.linear, local) for b, local in zip(bases, at.local, strict=True)]
 
-    def derivatives(
-        self, index: int, eta: FloatArray, scales: FloatArray, shared: FloatArray, local: FloatArray
-    ) -> FloatArray:
-        """Derivatives of the output of one experiment by ``eta``, shape ``(p, n)``.
+    def write_derivatives(
+        self, index: int, eta: FloatArray, scales: FloatArray, shared: FloatArray,
+        local: FloatArray, rows: FloatArray,
+    ) -> None:  # fmt: skip
+        """Write the derivatives of the output of one experiment by ``eta`` to ``rows`` ``(p, n)``.
 
         By complex steps, of a part of the ``scales``, unless the model has its own.
         """
         own = getattr(self.model, "slopes", None)
         if own is not None:
             self.count(index, 1 + eta.size)
-            return np.asarray(own(index, eta))
-        out = np.empty((eta.size, self.measured[index].shape[0]))
+            rows[:] = own(index, eta)
+            return
         for k, step in enumerate(STEP * scales):
             moved = eta.astype(complex)
             moved[k] += 1j * step
-            out[k] = self.basis(index, moved).change(shared, local) / step
-        return out
+            rows[k] = self.basis(index, moved).slope(shared, local, step)
 
     def count(self, index: int, passes: int = 1) -> None:
         """Count simulations of one experiment."""
         simulated(self.measured[index].shape[0] / self.channels, passes)
 
-    def weigh(self, index: int, *columns: Array) -> list[Array]:
-        """Weigh and whiten columns of one experiment, shapes ``(n,)`` or ``(n, c)``."""
+    def weigh(self, index: int, *columns: Array) -> Sequence[Array]:
+        """Weigh and whiten columns of one experiment, shape ``(n,)`` each."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
-        parts = [(x.T * w).T for x in columns] if w.ndim or w != 1.0 else list(columns)
-        if not self.whiten:
-            return parts
-        table = self.whiten[index].filter(side_by_side(*parts))
-        ends = np.cumsum([x[:1].size for x in parts])
-        return [table[:, end - x[:1].size : end].reshape(x.shape) for x, end in zip(parts, ends)]
+        parts = [x * w for x in columns] if w.ndim or w != 1.0 else columns
+        return list(self.whiten[index].filter(side_by_side(*parts)).T) if self.whiten else parts
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,8 @@ def examine_offset(
 
 def _before_response(basis: Basis) -> npt.NDArray[np.bool_]:
     """Mask of the samples of a run at rest before its response, shape ``(n,)``."""
-    return np.cumsum(np.abs(np.diff(basis.shared[:, 0], prepend=basis.shared[0, 0]))) == 0.0
+    response = basis.shared[0]
+    return np.cumsum(np.abs(np.diff(response, prepend=response[0]))) == 0.0
 
 
 def _level(

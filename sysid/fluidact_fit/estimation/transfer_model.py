@@ -148,14 +148,12 @@ class TransferModel:
         """Forced response, free responses and offset of one experiment."""
         p = self.prepared[index]
         y, local = self.forced(index, values), self._local(index, values)
-        offsets = np.zeros((y.size, len(self.several)))
-        if p.log is not None:
-            offsets[:, p.log] = 1.0
+        offsets = [repeated(k == p.log, y.size) for k in range(len(self.several))]
         if self.law.gain is None:
             return Basis(y, offsets, local)
         if self.begin.offset == "none":
             y = y + self.levels[index]
-        return Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
+        return Basis(repeated(0.0, y.size), [y, *offsets], local)
 
     def forced(self, index: int, values: Values) -> Array:
         """Response of one run to its input, of unit gain, shape ``(n,)``."""
@@ -178,19 +176,20 @@ class TransferModel:
             return 0.0
         return float(values[self.law.gain]) * self.levels[index]
 
-    def _local(self, index: int, values: Values) -> Array:
+    def _local(self, index: int, values: Values) -> list[Array]:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
+        offset = [repeated(1.0, p.samples.instants.size)] if p.own else []
         if p.rest:
-            return repeated(np.ones(int(p.own)), p.samples.instants.size)
+            return offset
         a, c, states = self.law.beginnings(values, p.own)
         of = a.tobytes() + c.tobytes()
         known = self._free.get(index)
         if known is None or known[0] != of:
-            known = of, free_response(a, c, p.samples, states, p.own)
+            known = of, free_response(a, c, p.samples, states)
             if not np.iscomplexobj(known[1]):  # complex ones never come again
                 self._free[index] = known
-        return known[1]
+        return [*known[1], *offset]
 
     def named(self, nonlinear: Sequence[str]) -> NamedModel:
         """The model in the form the estimation takes."""
@@ -227,7 +226,7 @@ class TransferModel:
         """Output of the first run, all that belongs to it alone being zero."""
         b = self.columns(0, values)
         linear = np.array([values[self.law.gain]] if self.law.gain else [])
-        return np.asarray(b.combined(linear, np.zeros(b.local.shape[1])))
+        return np.asarray(b.combined(linear, np.zeros(len(b.local))))
 
 
 def input_level(signal: Signal) -> float:
@@ -281,4 +280,4 @@ class TransferResponse(ResponseModel[OptionsT], Generic[OptionsT]):
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
         model = self.transfer_model(plant.variant, [experiment], begin)
         local = model.columns(0, plant.numbers).local
-        return np.asarray(local[:, : local.shape[1] - model.prepared[0].own])
+        return side_by_side(*local[: len(local) - model.prepared[0].own])

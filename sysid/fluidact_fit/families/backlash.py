@@ -207,12 +207,12 @@ class PlayModel:
         f = follow(x, ratio, play, y, self.reaches[index])
         after = np.arange(x.size) >= f.begins
         own = [after, ~after] if self.level is None else [~after]
-        local = np.array([part for part in own if part.any()], dtype=float).reshape(-1, x.size).T
+        local = [part.astype(float) for part in own if part.any()]
         pushing = (f.path + 0.5 * play * f.side) / (ratio or 1.0)  # the drive at the last contact
         by = {"ratio": after * pushing, "play": -0.5 * after * f.side}
         table = np.array([by[n] for n in names]).reshape(len(names), x.size)
         known = after * (f.path + (self.level or 0.0))
-        return Basis(known, np.zeros((x.size, 0)), local), table
+        return Basis(known, local=local), table
 
     def columns(self, index: int, values: Values) -> Basis:
         """Path of a run."""
@@ -228,7 +228,7 @@ class PlayModel:
         levels, errors, sizes = [], [], []
         for k, y in enumerate(self.loads):
             basis, slopes = self.slopes(k, fitted.values, fitted.names)
-            seen = basis.local[:, 0] > 0.0
+            seen = basis.local[0] > 0.0
             rest = (y - basis.known)[seen]
             levels.append(float(rest.mean()))
             errors.append(

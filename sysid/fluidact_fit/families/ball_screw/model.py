@@ -84,9 +84,9 @@ class Compared:
         kept = [parts[k] for k in self.orders]
         return kept[0] if len(kept) == 1 else np.concatenate(kept, axis=-1)
 
-    def offset(self, samples: int) -> FloatArray:
-        """Column of an unknown offset of the position, shape ``(rows, 0 or 1)``."""
-        return self.reduce(np.ones(samples))[:, None][:, : self.orders.count(0)]
+    def offset(self, samples: int) -> list[FloatArray]:
+        """Column of an unknown offset of the position, shape ``(rows,)``, where there is one."""
+        return [self.reduce(np.ones(samples))] * self.orders.count(0)
 
     def channels(self, samples: int) -> list[slice]:
         """Rows of each compared quantity."""
@@ -152,7 +152,7 @@ class DriveModel:
 
     def _basis(self, index: int, y: FloatArray) -> Basis:
         samples = self.inputs[index][1].size
-        return Basis(y, np.zeros((y.size, 0)), self.compared.offset(samples))
+        return Basis(y, local=self.compared.offset(samples))
 
     def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, FloatArray]:
         """Position with its exact derivatives, all in one pass through the events."""

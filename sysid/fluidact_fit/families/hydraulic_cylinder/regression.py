@@ -88,8 +88,7 @@ def fit_flow(setup: Setup, lenient: bool) -> Fitted:
     names = tuple(unknowns)
 
     def columns(index: int, values: Values) -> Basis:
-        empty = np.zeros((windows[index].first.size, 0))
-        return Basis(windows[index].modelled(values), empty, empty)
+        return Basis(windows[index].modelled(values))
 
     model = NamedModel(
         names, (), columns, [w.motion for w in windows],

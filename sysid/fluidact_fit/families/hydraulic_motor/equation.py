@@ -123,7 +123,7 @@ class SettledModel:
     def columns(self, index: int, values: Values) -> Basis:
         """Speeds of one run per gain."""
         shape = self.response(index, {**values, "gain": 1.0})
-        return Basis(np.zeros(shape.size), shape[:, None], np.zeros((shape.size, 0)))
+        return Basis(np.zeros(shape.size), [shape])
 
     def named(self, names: tuple[str, ...]) -> NamedModel:
         """The model in the form the estimation takes; the gain enters linearly."""
