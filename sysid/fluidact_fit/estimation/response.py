@@ -118,9 +118,11 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     begin, places = cut_unrecorded(task, few, begin, places)
     ends, part = places[:3], None
     if sum(e.samples for e in task.experiments) > LONG:
-        part = task.named(excerpt(task.experiments, task.output, LONG // 4), begin)
+        part = task.named(excerpt(task.experiments, task.output, LONG), begin)
         problem = bind(part, task.unknowns, task.held)
-        ends = [task.values(problem, task.search(problem, ends).best.eta)]
+        found = task.search(problem, places)
+        ends = [task.values(problem, found.best.eta)]
+        places = [task.values(problem, s.eta) for s in found.rivals]
     task.request.progress("fitting")
     fitted, model, begin = _fit(task, ends, part, begin, starts)
     chosen, values, said = examine_offset(task, fitted, model, begin)
