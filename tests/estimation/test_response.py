@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from line_simulator import line_log, sines, steps
+from scipy.signal import cont2discrete, lfilter
 
 import fluidact_fit as ff
 from fluidact_fit.result import FitResult
@@ -163,3 +164,16 @@ def test_a_long_dead_time_before_a_first_order_is_no_slow_valve() -> None:
     log["command"] = log.pop("inlet")
     with pytest.raises(ff.NotIdentifiedError, match="natural_frequency"):
         ff.fit("valve", log, dead_time="estimate")
+
+
+def test_the_aliases_of_a_fast_valve_are_told_apart_on_a_long_log() -> None:
+    """A few samples under much noise prefer 1027 rad/s, the rest of the log does not."""
+    step, rows, truth = 0.01, 300_000, {"natural_frequency": 400.0, "damping_ratio": 0.05}
+    wn, zeta = truth.values()
+    rng = np.random.default_rng(1)
+    b, a, _ = cont2discrete(([wn**2], [1.0, 2.0 * zeta * wn, wn**2]), step)
+    held = rng.integers(5, 60, rows // 5)
+    command = np.repeat(rng.uniform(-3.0, 3.0, held.size), held)[:rows]
+    outlet = lfilter(b.ravel(), a, command) + rng.standard_normal(rows)
+    log = {"time": np.arange(rows) * step, "command": command, "outlet": outlet}
+    assert_holds(ff.fit("valve", log), truth)

@@ -116,13 +116,13 @@ def fit_response(task: ResponseTask[T]) -> Response[T]:
     optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
     places = [task.values(problem, eta) for eta in optima]
     begin, places = cut_unrecorded(task, few, begin, places)
-    ends, part = places[:3], None
+    part, ends = None, places[:3]
     if sum(e.samples for e in task.experiments) > LONG:
         part = task.named(excerpt(task.experiments, task.output, LONG), begin)
         problem = bind(part, task.unknowns, task.held)
         found = task.search(problem, places)
-        ends = [task.values(problem, found.best.eta)]
-        places = [task.values(problem, s.eta) for s in found.rivals]
+        best, *places = (task.values(problem, s.eta) for s in (found.best, *found.rivals))
+        ends = [best, *places[:2]]
     task.request.progress("fitting")
     fitted, model, begin = _fit(task, ends, part, begin, starts)
     chosen, values, said = examine_offset(task, fitted, model, begin)
