@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import TransferFunction, cont2discrete, lfilter, step
-from studies.red_team.attacks import hydrostatic, valve
+from studies.red_team.attacks import hydrostatic, line, valve
 from studies.red_team.run import run as run_attack
 
 import fluidact_fit as ff
@@ -125,6 +125,31 @@ def test_rows_within_a_short_dead_time_are_no_outliers(seed: int) -> None:
     assert abs(found.parameters["dead_time"].value - dead) < 4.0 * float(
         found.parameters["dead_time"].std_error
     )
+
+
+@pytest.mark.parametrize(
+    ("truth", "step", "rows"),
+    [
+        ({"gain": 1.0, "time_constant": 0.02, "dead_time": 0.014}, 0.01, 300),
+        ({"gain": 1.0, "time_constant": 0.1, "dead_time": 0.8003}, 0.001, 8000),
+    ],
+    ids=["one row late", "hundreds of rows late"],
+)
+def test_an_inlet_may_have_stepped_just_before_its_first_row(
+    truth: dict[str, float], step: float, rows: int
+) -> None:
+    """Then it rests from the first row on, and the outlet until the dead time is over."""
+    for seed in (1, 3, 21):
+        rng = np.random.default_rng(seed)
+        t = np.arange(rows) * step
+        at = line.switches(rng, t[-1], 2.5 * truth["time_constant"], 8.0 * truth["time_constant"])
+        at = np.r_[-1e9, 0.0, np.round(at[1:] / step) * step]
+        levels = rng.uniform(-1.0, 1.0, at.size)
+        outlet = line.respond(truth, at, levels, t) + 0.01 * rng.standard_normal(rows)
+        log = {"time [s]": t, "inlet [bar]": line.held(at, levels, t), "outlet [bar]": outlet}
+        found = ff.fit("line", log)
+        assert found.verdict == "pass"
+        within(found, truth)
 
 
 def test_rounding_the_dead_time_would_bias_the_time_constant() -> None:

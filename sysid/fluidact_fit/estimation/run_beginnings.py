@@ -25,7 +25,6 @@ from .significance import CERTAIN
 from .starts import time_scales
 
 _RESTING = 8  # first samples that show whether an input was at rest before
-_FEW_STEPS = 2.0  # dead time [sample times] below which no samples are left out
 _AT_REST = 0.1  # share of the usual change of an input between samples that counts as rest
 _LONG_ENOUGH = 1000  # samples that show the usual change
 _EARLIER = (1.0, 0.7, 0.4)  # shares of a dead time at which a fit without offset is begun
@@ -70,15 +69,14 @@ def unrecorded_time(
     """Duration of the response to an input before the runs, with a margin [s]; 0 from rest."""
     dead_time, step = values.get("dead_time", 0.0), time_scales(experiments)[0]
     given = task.request.options.unrecorded
-    if given is not None or begin.rest or dead_time < max(_FEW_STEPS * step, begin.unrecorded):
+    if given is not None or begin.rest or not dead_time or dead_time < begin.unrecorded:
         return begin.unrecorded
     role = task.variant.driving[0].name
     quiet = all(
         e.signals[role].time.size == 1
-        or (_is_quiet(e[task.output], int(np.sum(e.time - e.time[0] < dead_time)))
-            and _is_quiet(e[role], _RESTING))
+        or (_is_quiet(e[role], _RESTING) and _stays(e, task.output, role, dead_time))
         for e in experiments
-    )  # fmt: skip
+    )
     return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
 
 
@@ -184,6 +182,19 @@ def _level(
     if values.size < 3:
         return 0.0, np.inf
     return float(values.mean()), float(values.std(ddof=1)) / np.sqrt(values.size)
+
+
+def _stays(experiment: Experiment, output: str, role: str, dead_time: float) -> bool:
+    """Return whether an output is quiet until half of the rest of an input could have shown.
+
+    An input that stepped just before its first sample rests from there on, and the output only
+    until the dead time is over.
+    """
+    values, time = experiment[role], experiment.time - experiment.time[0]
+    noise = noise_floor(values[middle_of(values.size)], 4)
+    moved = np.abs(values - np.mean(values[:_RESTING])) > 5.0 * noise
+    rest = time[int(np.argmax(moved))] if moved.any() else time[-1]
+    return _is_quiet(experiment[output], int(np.sum(time < dead_time + 0.5 * rest)))
 
 
 def _is_quiet(values: FloatArray, count: int) -> bool:
