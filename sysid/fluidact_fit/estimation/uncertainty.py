@@ -358,7 +358,7 @@ def information_units(
     return np.asarray(plain.sigma**2 * np.maximum(excess, 1.0))
 
 
-def independent_samples(memory: float, n: int) -> float:
+def independent_samples(memory: float, n: float) -> float:
     """Number of independent samples that ``n`` of a first-order autoregression are worth [4]_.
 
     ``memory`` is its coefficient.

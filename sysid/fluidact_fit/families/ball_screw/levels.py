@@ -88,6 +88,8 @@ class _Profile:
     def __init__(self, stage: Stage, compared: Compared) -> None:
         self.stage, self.compared = stage, compared
         self.model = DriveModel(stage.experiments, stage.axis, compared)
+        weigh = _per_reading if 0 in compared.orders else np.ones_like
+        self.weights = [weigh(y) for y in self.model.measured]
         kept = {*stage.held, *BREAKAWAY.values()}
         self.others = [n for n in stage.names if n not in kept]
 
@@ -134,16 +136,24 @@ class _Profile:
 
     def _nearby(self, side: str, at: _Refitted, now: Bracket) -> list[Bracket]:
         """The cells below and above a bracket, and it itself."""
-        levels = self._levels(side, at)
+        levels = self._levels(side, at, now)
         below, above = levels[levels <= now.low][-_NEAR - 1 :], levels[levels >= now.high]
         ends = [*pairwise(below.tolist()), *pairwise(above[: _NEAR + 1].tolist())]
         return [now, *(Bracket(low, high, 0.5 * (low + high)) for low, high in ends)]
 
-    def _levels(self, side: str, at: _Refitted) -> FloatArray:
-        """Commanded levels between which the static level of a direction can lie, ascending."""
+    def _levels(self, side: str, at: _Refitted, near: Bracket | None) -> FloatArray:
+        """Commanded levels between which the static level of a direction can lie, ascending.
+
+        Beside a bracket that is ``near``, its ends and such as act on the axis at rest.
+        """
         limits = self.stage.unknowns[BREAKAWAY[side]]
         acting = [p.torque.coefficients[:, 0] for p, _ in self.model.inputs]
+        if near is not None:
+            speeds = [m.velocity for m in self.model.motions(at.values)]
+            acting = [_at_rest(u, v) for u, v in zip(acting, speeds)]
         levels = levels_above(acting, at.values, side)
+        if near is not None:
+            levels = np.append(levels, (near.low, near.high))
         return np.unique(np.clip(levels, limits.low, limits.high))
 
     def fit(self, values: Mapping[str, float], iterations: int = 15) -> _Refitted:
@@ -152,23 +162,25 @@ class _Profile:
         stage = replace(
             self.stage, names=tuple(values), start=values, fixed=fixed, refusals=()
         )  # fmt: skip
-        found, ended = stage.solve(self.compared, iterations)
-        independent = sum(map(_independent, found.residuals))
+        found, ended = stage.solve(self.compared, iterations, weights=self.weights)
+        independent = sum(map(_independent, found.residuals, self.weights))
         return _Refitted(found.cost, dict(ended.start), np.vstack(found.jacobian), independent)
 
     def _errors(self, values: Mapping[str, float]) -> FloatArray:
-        """Errors of all runs, the offset of the position of every run taken out."""
-        pairs = zip(self.model.measured, self.model.compared_rows(values))
+        """Weighted errors of all runs, the offset of the position of every run taken out."""
         free = 0 in self.compared.orders
-        return np.concatenate([r - r.mean() * free for r in (y - model for y, model in pairs)])
+        errors = map(np.subtract, self.model.measured, self.model.compared_rows(values))
+        return np.concatenate(
+            [w * (e - np.average(e, weights=w**2) * free) for e, w in zip(errors, self.weights)]
+        )
 
     def _choose(self, side: str, at: _Refitted, near: Bracket | None) -> tuple[Bracket, _Refitted]:
         """The bracket of one level among the commanded ones, and the fit there."""
-        name, levels = BREAKAWAY[side], self._levels(side, at)
+        name, levels = BREAKAWAY[side], self._levels(side, at, near)
         low, high = 0, levels.size - 1
         if near is not None:
-            low = max(int(np.searchsorted(levels, near.low)) - _NEAR, low)
-            high = min(int(np.searchsorted(levels, near.high)) + _NEAR, high)
+            low = max(int(np.searchsorted(levels, near.low)) - _CELLS // 2, low)
+            high = min(int(np.searchsorted(levels, near.high)) + _CELLS // 2, high)
         if high <= low:
             edge = float(levels[min(low, levels.size - 1)])
             return Bracket(edge, edge, edge), at
@@ -213,7 +225,9 @@ class _Profile:
         ends = np.flatnonzero(np.repeat(least <= limit, sizes))
         if not ends.size:
             value = at.values[name]
-            return Bracket(value, value, value), at
+            above = int(np.clip(np.searchsorted(edges, value), 1, edges.size - 1))
+            low, high = min(edges[above - 1], value), max(edges[above], value)
+            return Bracket(float(low), float(high), value), at
         known = np.repeat((least <= limit) & refitted, sizes)
         around = _around(known, int(np.argmin(np.repeat(np.where(refitted, least, np.inf), sizes))))
         value = 0.5 * float(edges[around[0]] + edges[around[1] + 1])
@@ -249,13 +263,29 @@ def _around(good: np.ndarray, best: int) -> tuple[int, int]:
     return int(bad[bad < best].max(initial=-1)) + 1, int(bad[bad > best].min(initial=good.size)) - 1
 
 
-def _independent(residual: FloatArray) -> float:
+def _per_reading(values: FloatArray) -> FloatArray:
+    """Weights by which rows of one reading, which share the error of its code, count as one."""
+    first = np.flatnonzero(np.diff(values, prepend=np.inf))
+    alike = np.diff(first, append=values.size)
+    return 1.0 / np.sqrt(np.repeat(alike, alike))
+
+
+def _independent(residual: FloatArray, weights: FloatArray) -> float:
     """Number of independent samples that would show the size of the residual as well."""
-    power = float(residual @ residual)
+    power, samples = float(residual @ residual), float(weights @ weights)
     if power == 0.0:
-        return float(residual.size)
+        return samples
     alike = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), 1.0 - 1e-6)
-    return independent_samples(alike, residual.size)
+    return independent_samples(alike, samples)
+
+
+def _at_rest(drive: FloatArray, speed: FloatArray) -> FloatArray:
+    """Levels of a drive at nodes ``(m,)`` while the axis rests or turns, and the next ones."""
+    first = np.flatnonzero(np.diff(drive, prepend=np.inf))
+    stands = np.flatnonzero(speed[:-1] * speed[1:] <= 0.0)
+    held = np.unique(np.searchsorted(first, stands, side="right") - 1)
+    reached = np.unique(held[:, None] + np.arange(_NEAR + 1))
+    return drive[first[reached[reached < first.size]]]
 
 
 def levels_above(
