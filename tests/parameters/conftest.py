@@ -129,7 +129,7 @@ _DOCUMENT: dict[str, Any] = {
             "value": [0.0, 0.1],
             "unit": "m",
             "std_error": [0.001, 1.5e-07],
-            "ci95": [[-0.002, 0.002], [0.0999997, 0.1000003]],
+            "ci95": [[-0.1, 0.1], [0.0, 0.2]],
             "status": "estimated",
         },
         "weights": {"value": [1.0, 2.5, 1e20], "unit": "1", "status": "fixed"},

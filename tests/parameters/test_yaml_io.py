@@ -150,7 +150,7 @@ def test_documents_round_trip(document, lookup, value, error, points, message, d
         "value": value,
         "unit": "kg",
         "std_error": error,
-        "ci95": [value - 2.0 * error, value + 2.0 * error],
+        "ci95": [value - error, value + error],
         "status": "estimated",
     }
     document["parameters"]["control_points"] = {"value": points, "unit": "m", "status": "fixed"}

@@ -19,7 +19,7 @@ from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
 from ..specification import Described, entry_name, propagate
 from .atomic import write_atomically
-from .document import Derived, ParameterDocument
+from .document import ParameterDocument
 from .problems import Location, Problems, format_path
 from .validation import Lookup, validate
 from .version import check_version, is_newer
@@ -46,7 +46,6 @@ _LEAST = 1e-150  # an error whose square is no number any more
 _DETAILS = 20  # lines
 _ONE = len(dump_yaml({"key": 0}).splitlines())  # lines of a text with a single entry
 _ALIKE = 0.05  # relative; an error may be rounded to two digits
-_HALF_WIDTHS = (1.85, 13.0)  # in errors: Student's t for any number of samples, both rounded
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
@@ -161,7 +160,6 @@ def check_agreement(
         *_strange_model(document, family),
         *_strange_offset(document, family),
         *_strange_errors(document),
-        *_strange_intervals(document),
         *_strange_derived(document, family),
     ]
     if wrong:
@@ -226,28 +224,6 @@ def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
             if abs(error - due) > _ALIKE * due + _LEAST:
                 words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
                 yield ("parameters", name, "std_error", *index), words
-
-
-def _strange_intervals(document: ParameterDocument) -> Iterator[Problem]:
-    """Yield intervals that no number of samples gives of their errors, unless profiled.
-
-    An end that is nearer than the other was cut at a limit.
-    """
-    everywhere: list[tuple[str, str, Derived]] = [
-        *(("parameters", name, entry) for name, entry in document.parameters.items()),
-        *(("derived", name, entry) for name, entry in document.derived.items()),
-    ]
-    for part, name, entry in everywhere:
-        if entry.ci95 is None or entry.std_error is None or entry.method not in (None, "wald"):
-            continue
-        values, ends = np.asarray(entry.value, dtype=float), np.asarray(entry.ci95, dtype=float)
-        for index, error in np.ndenumerate(np.asarray(entry.std_error, dtype=float)):
-            below, above = np.abs(ends[index] - values[index])
-            widest, slack = max(below, above), _SMALL * abs(values[index])
-            least = _HALF_WIDTHS[0] * error if abs(above - below) <= _ALIKE * widest else 0.0
-            if not least - slack <= widest <= _HALF_WIDTHS[1] * error + slack:
-                words = f"{ends[index].tolist()!r} does not agree with the standard error"
-                yield (part, name, "ci95", *index), f"{words}, {error:.6g}"
 
 
 def _strange_derived(document: ParameterDocument, family: Described) -> Iterator[Problem]:
