@@ -332,3 +332,23 @@ def test_noise_of_the_command_that_looks_like_hysteresis_is_warned_of(tmp_path: 
     result = ff.fit("hydraulic-motor", [log])
     assert number(result, "hysteresis") > 0.05 + 2.0 * 5e-3
     assert "command-noise" in {w.code for w in result.document.warnings}
+
+
+def test_jitter_of_the_instants_is_no_noise_of_the_command() -> None:
+    """An exact sine at uneven instants was said to carry noise (4 of 4 logs)."""
+    rng = np.random.default_rng(0)
+    fine = 1e-3 * np.arange(30_100)
+    command = 0.9 * np.sin(1.57 * fine) * np.cos(0.19 * fine)
+    v = {**LINE, "dead_zone": 0.1, "gain": 100.0, "curvature": 0.5, "hysteresis": 0.05}
+    speed = speeds(run(fine, command), v)
+    at = 20 * np.arange(1, 1501) + rng.integers(-6, 7, 1500)
+    columns = {
+        "time [s]": fine[at],
+        "command [A]": command[at],
+        "speed [rad/s]": speed[at] + 0.3 * rng.standard_normal(at.size),
+    }
+    result = ff.fit("hydraulic-motor", columns, hold={"command": "foh"})
+    assert "command-noise" not in {w.code for w in result.document.warnings}
+    known = result.parameters["hysteresis"]
+    assert isinstance(known.std_error, float)
+    assert abs(known.number - 0.05) < 4.0 * known.std_error

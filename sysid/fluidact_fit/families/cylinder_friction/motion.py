@@ -187,8 +187,7 @@ def _filter(experiment: Experiment, role: str, half: int) -> FilteredMotion:
     step = experiment.signals[role].resolution
     if np.ptp(y) < 20.0 * step:
         step = 0.0  # a handful of exact levels, as in a table of plateaus
-    uneven = experiment.time if experiment.time.size and not experiment.uniform else None
-    noise = max(white_noise(y, uneven), float(step / np.sqrt(12.0)))
+    noise = max(white_noise(y, experiment.uneven), float(step / np.sqrt(12.0)))
     if not experiment.time.size:
         return motion(y, y, y, y, everywhere, noise, noise)
     value, rate, inside = differentiate(experiment, y, half)

@@ -316,7 +316,8 @@ def _remark_on_saturation(values: Mapping[str, float], bend: Mapping[str, float]
 
 def _warn_of_noise(fitted: Solved, experiments: Sequence[Experiment]) -> Iterator[Notice]:
     """Say that the hysteresis is too wide where the command turns back with its noise."""
-    name, noise = "hysteresis", max(white_noise(e.sampled("command")) for e in experiments)
+    name = "hysteresis"
+    noise = max(white_noise(e.sampled("command"), e.uneven) for e in experiments)
     if name in fitted.names and (shift := _WIDENED * noise) > 2.0 * fitted.std_error(name):
         yield Notice(
             "command-noise",
