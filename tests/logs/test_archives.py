@@ -176,7 +176,9 @@ def test_a_dictionary_that_is_too_large_is_refused(tmp_path: Path) -> None:
 def member_of(content: bytes) -> bytes:
     archive = archives.open_zip(content, "book.xlsx")
     budget = archives.Budget(len(content), "book.xlsx")
-    return b"".join(archives.read_member(archive, m, budget) for m in archive.infolist())
+    return b"".join(
+        b for m in archive.infolist() for b in archives.member_blocks(archive, m, budget)
+    )
 
 
 def test_members_of_a_workbook_are_read_within_one_bound() -> None:

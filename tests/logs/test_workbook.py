@@ -171,6 +171,36 @@ def test_forged_workbooks_are_refused(
     assert told in caught.value.text
 
 
+@pytest.mark.parametrize(
+    ("member", "more", "told"),
+    [
+        ("[Content_Types].xml", " " * 300_000_000, "MB"),
+        ("docProps/core.xml", '<!DOCTYPE x [<!ENTITY a "b">]>', "entities"),
+    ],
+)
+def test_parts_beside_the_sheets_are_bounded_too(
+    tmp_path: Path, member: str, more: str, told: str
+) -> None:
+    """The package that reads workbooks opens them first; only those below 'xl' were counted."""
+    path = _changed(save(tmp_path, TABLE), member, lambda xml: more + xml)
+    with pytest.raises(LogError) as caught:
+        read_log(path)
+    assert told in caught.value.text
+
+
+@pytest.mark.parametrize("how", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_parts_that_are_unpacked_without_a_limit_are_refused(tmp_path: Path, how: int) -> None:
+    path = tmp_path / "rare.xlsx"
+    with (
+        zipfile.ZipFile(save(tmp_path, TABLE)) as old,
+        zipfile.ZipFile(path, "w", how) as new,
+    ):
+        for name in old.namelist():
+            new.writestr(name, old.read(name))
+    with pytest.raises(LogError, match="packed in a way that is not read"):
+        read_log(path)
+
+
 def test_dimensions_are_not_believed(tmp_path: Path) -> None:
     path = _changed(
         save(tmp_path, TABLE), SHEET,

@@ -47,11 +47,13 @@ class Budget:
         Size of the archive [bytes].
     name
         What messages call it.
+    most
+        Bytes that no archive may yield.
     """
 
-    def __init__(self, packed: int, name: str) -> None:
+    def __init__(self, packed: int, name: str, most: int = _LARGEST) -> None:
         self.name = name
-        self.bytes = min(max(_ALWAYS, _RATIO * packed), _LARGEST)
+        self.bytes = min(max(_ALWAYS, _RATIO * packed), most)
         self._most = self.bytes
         self._until = time.process_time() + _SECONDS + packed / _SPEED
 
@@ -180,8 +182,10 @@ def open_zip(raw: bytes, name: str) -> zipfile.ZipFile:
     return archive
 
 
-def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, budget: Budget) -> bytes:
-    """Return what a member of a zip archive holds, counted whatever size it states.
+def member_blocks(
+    archive: zipfile.ZipFile, member: zipfile.ZipInfo, budget: Budget
+) -> Iterator[bytes]:
+    """Yield what a member of a zip archive holds, counted whatever size it states.
 
     Raises
     ------
@@ -195,12 +199,10 @@ def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, budget: Budge
             where=budget.name,
             remedy="Unpack it, and give the log in it.",
         )
-
-    def blocks() -> Iterator[bytes]:
-        with archive.open(member) as file:
-            yield from iter(lambda: file.read(_OUT), b"")
-
     try:
-        return _gather(blocks, budget)
+        with archive.open(member) as file:
+            while block := file.read(_OUT):
+                budget.spend(len(block))
+                yield block
     except _DAMAGED as error:
         raise _damaged(error, budget.name) from None

@@ -11,7 +11,6 @@ import math
 import re
 import warnings
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -23,15 +22,15 @@ from typing import Any
 from ..errors import LogError, Notice
 from ..formats.sink import MOST_COLUMNS
 from ..units import looks_like_unit
-from .archives import Budget, open_zip
+from .archives import Budget, member_blocks, open_zip
 from .layout import Layout, Written
 from .log import count_of
 from .source import Source
 
 MAGIC = b"PK\x03\x04"
 _BOOK = "xl/workbook.xml"
-_LARGEST = 1 << 28  # bytes of unpacked XML
-_BLOCK = 1 << 20
+_LARGEST = 1 << 28  # bytes of its parts, unpacked
+_PICTURES = "xl/media/"  # drawn ones may be XML with a document type
 _MOST_ROWS = 1_048_576
 _DAY = 86_400 * 10**6  # microseconds
 _LITERAL = re.compile(r'"([^"]*)"')  # of a number format: what is shown behind the number
@@ -70,7 +69,7 @@ def read_workbook(
             expected="Expected a text file with columns of numbers (CSV or similar).",
             remedy="Unpack it, and give the log in it.",
         )
-    computed = _check(archive, Budget(len(raw), source.name), source.name)
+    computed = _check(archive, Budget(len(raw), source.name, _LARGEST))
     signs = (written.delimiter, written.decimal, written.thousands)
     if signs != (None, None, None):
         raise LogError(
@@ -111,27 +110,21 @@ def _listed(titles: Sequence[str]) -> str:
     return ", ".join(f"'{title[:40]}'" for title in titles[:8])
 
 
-def _check(archive: zipfile.ZipFile, budget: Budget, name: str) -> bool:
-    """Bound what the parts unpack to, refuse declared entities; whether there are formulas."""
-    total, formulas = 0, False
+def _check(archive: zipfile.ZipFile, budget: Budget) -> bool:
+    """Bound what the parts unpack to, refuse declared entities; whether there are formulas.
+
+    Any part may be one that is read, wherever it lies: others name it.
+    """
+    formulas = False
     for member in archive.infolist():
-        if not member.filename.startswith("xl/") or not member.filename.endswith((".xml", ".rels")):
-            continue
         tail = b""
-        try:
-            with archive.open(member) as file:
-                while block := file.read(_BLOCK):
-                    budget.spend(len(block))
-                    total += len(block)
-                    text, tail = tail + block, block[-16:]
-                    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-                        raise _refusal("it declares XML entities, as no spreadsheet does.", name)
-                    if total > _LARGEST:
-                        raise _refusal(f"it holds more than {_LARGEST / 1e6:.0f} MB of XML.", name)
-                    formulas |= "worksheets/" in member.filename and b"<f" in text
-        except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile,
-                EOFError, zlib.error) as error:  # fmt: skip
-            raise _refusal(f"it is damaged ({str(error)[:150]}).", name) from None
+        for block in member_blocks(archive, member, budget):
+            text, tail = tail + block, block[-16:]
+            drawn = member.filename.startswith(_PICTURES)
+            if not drawn and (b"<!DOCTYPE" in text or b"<!ENTITY" in text):
+                what = "it declares XML entities, as no spreadsheet does."
+                raise _refusal(what, budget.name)
+            formulas |= "worksheets/" in member.filename and b"<f" in text
     return formulas
 
 
