@@ -25,6 +25,7 @@ from .significance import CERTAIN
 from .starts import time_scales
 
 _RESTING = 8  # first samples that show whether an input was at rest before
+_MARGIN = 2.0  # samples more than a dead time covers that are left out
 _AT_REST = 0.1  # share of the usual change of an input between samples that counts as rest
 _LONG_ENOUGH = 1000  # samples that show the usual change
 _EARLIER = (1.0, 0.7, 0.4)  # shares of a dead time at which a fit without offset is begun
@@ -77,7 +78,7 @@ def unrecorded_time(
         or (_is_quiet(e[role], _RESTING) and _stays(e, task.output, role, dead_time))
         for e in experiments
     )
-    return begin.unrecorded if quiet else 1.1 * dead_time + 2.0 * step
+    return begin.unrecorded if quiet else 1.1 * dead_time + _MARGIN * step
 
 
 def unrecorded_notice(task: ResponseTask[T], begin: Beginning) -> Iterator[Notice]:
@@ -119,8 +120,10 @@ def cut_unrecorded(
         length += left * np.log(max(power, least))
         found.append((length, own, task.values(problem, best.eta)))
     found.sort(key=lambda x: x[0])
-    begin = found[0][1]
-    return begin, [p for _, own, p in found if own.unrecorded <= begin.unrecorded]
+    # rivals that differ by less than the margin are compared on the same samples
+    most = found[0][1].unrecorded + _MARGIN * time_scales(task.experiments)[0]
+    kept = [(own, p) for _, own, p in found if own.unrecorded <= most]
+    return max((own for own, _ in kept), key=lambda own: own.unrecorded), [p for _, p in kept]
 
 
 def examine_offset(

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 import numpy as np
 
 from ..experiment import Array, Experiment, FloatArray, Signal
-from ..rows import repeated, side_by_side
+from ..rows import repeated
 from ..specification import Plant, Simulated, UnmodelledEffect, Variant
 from .elimination import Eliminated
 from .grid import Grid, make_grid
@@ -280,4 +280,4 @@ class TransferResponse(ResponseModel[OptionsT], Generic[OptionsT]):
         begin = replace(plant.options.beginning, rest=False, unrecorded=0.0)
         model = self.transfer_model(plant.variant, [experiment], begin)
         local = model.columns(0, plant.numbers).local
-        return side_by_side(*local[: len(local) - model.prepared[0].own])
+        return np.reshape(local[: len(local) - model.prepared[0].own], (-1, experiment.samples)).T
