@@ -411,13 +411,14 @@ class FlowMap(Family[FlowMapOptions]):
         return {"curve": {"command": commands, "flow": valve_flow(commands, v).tolist()}}
 
     def static_view(self, plant: Plant[FlowMapOptions], runs: Runs) -> StaticView:
-        """Flow over command, and the map at the reference pressure drop."""
-        u = joined([e.sampled("command") for e, _ in runs])
+        """Map at the reference pressure drop over command, and what the flows differ from it by."""
+        view = StaticView.over(runs, "command", "flow", ())
         reference = plant.options.reference_pressure
-        line = np.linspace(u.min(), u.max(), 500)
+        line = np.linspace(view.x.min(), view.x.max(), 500)
         label = f"flow map at {1e-5 * reference:.3g} bar" if reference else "flow map"
-        curve = Curve(label, line, np.real(valve_flow(line, plant.numbers)))
-        return StaticView.over(runs, "command", "flow", [curve])
+        law, there = (np.real(valve_flow(u, plant.numbers)) for u in (line, view.x))
+        beside = there + view.measured - view.fitted  # samples of other drops would lie elsewhere
+        return replace(view, measured=beside, fitted=there, curves=[Curve(label, line, law)])
 
 
 # ------------------------------------------------------------------------ data and refusals
