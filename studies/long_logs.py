@@ -44,7 +44,7 @@ the quickest of three. The exponent is that of the time over the rows, from the 
 this one; over all rows of a log it stands in the second table. `deviations` is the largest of the
 parameters from the truth, in standard errors.
 
-A fit keeps every row of its logs, the derivatives by the parameters among them, some 150 to 300
+A fit keeps every row of its logs, the derivatives by the parameters among them, some 80 to 140
 bytes a row, and takes 2*10^7 samples at most. A potentiometer keeps each distinct reading beside
 them, with how many samples have it, their mean and their scatter: little for the readings of a
 converter, as here, but some 150 bytes a row where hardly two readings are alike.

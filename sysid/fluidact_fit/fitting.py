@@ -54,7 +54,7 @@ from .result import FitResult
 from .specification import ParameterSpec, Role
 from .units import after_number
 
-_MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 250 bytes of each
+_MOST_SAMPLES = 20_000_000  # of a fit: it keeps some 100 bytes of each
 _AT_END = 1e-6  # of the width of given bounds, within which an estimate is at their end
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
