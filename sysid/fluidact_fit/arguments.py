@@ -67,7 +67,7 @@ def require_given(kind: str, **given: Any) -> None:
 def number_in_si(what: str, value: Any, units: Sequence[str]) -> float:
     """A finite number, or text with its unit, in the first of some SI units that it measures.
 
-    ``UsageError`` for anything else, of ``what`` was given.
+    ``UsageError``, which begins with ``what``, for anything else.
     """
     try:
         quantity = parse_quantity(value) if isinstance(value, str) else value

@@ -75,7 +75,7 @@ def unrecorded_time(
     role = task.variant.driving[0].name
     quiet = all(
         e.signals[role].time.size == 1
-        or (_is_quiet(e[role], _RESTING) and _stays(e, task.output, role, dead_time))
+        or (_is_quiet(e[role], _RESTING) and _stays_quiet(e, task.output, role, dead_time))
         for e in experiments
     )
     return begin.unrecorded if quiet else 1.1 * dead_time + _MARGIN * step
@@ -187,11 +187,11 @@ def _level(
     return float(values.mean()), float(values.std(ddof=1)) / np.sqrt(values.size)
 
 
-def _stays(experiment: Experiment, output: str, role: str, dead_time: float) -> bool:
-    """Return whether an output is quiet until half of the rest of an input could have shown.
+def _stays_quiet(experiment: Experiment, output: str, role: str, dead_time: float) -> bool:
+    """Return whether an output is quiet for the dead time and half as long as its input rests.
 
-    An input that stepped just before its first sample rests from there on, and the output only
-    until the dead time is over.
+    Of an input that stepped just before its first sample the output shows it once the dead time is
+    over.
     """
     values, time = experiment[role], experiment.time - experiment.time[0]
     noise = noise_floor(values[middle_of(values.size)], 4)

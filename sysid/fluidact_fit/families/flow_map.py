@@ -411,7 +411,7 @@ class FlowMap(Family[FlowMapOptions]):
         return {"curve": {"command": commands, "flow": valve_flow(commands, v).tolist()}}
 
     def static_view(self, plant: Plant[FlowMapOptions], runs: Runs) -> StaticView:
-        """Map at the reference pressure drop over command, and what the flows differ from it by."""
+        """Map over command at the reference pressure drop, and the residuals of the flows on it."""
         view = StaticView.over(runs, "command", "flow", ())
         reference = plant.options.reference_pressure
         line = np.linspace(view.x.min(), view.x.max(), 500)
@@ -436,7 +436,7 @@ def _require_flow_along(u: FloatArray, q: FloatArray, dropped: bool) -> None:
         raise LogError(
             "the flow has both signs, and the command only one",
             expected="Expected a command that is zero where the valve is closed.",
-            remedy="Subtract from the command what it is there, such as 12 mA of 4 to 20 mA.",
+            remedy="Subtract the command at which it is closed, such as 12 mA of 4 to 20 mA.",
         )
     size = float(np.linalg.norm(u) * np.linalg.norm(q))
     if float(u @ q) < -_AGAINST * size:

@@ -114,7 +114,10 @@ def _gather(blocks: Callable[[], Iterator[bytes]], budget: Budget) -> bytes:
     for block in blocks():
         budget.spend(len(block))
         size += len(block)
-        kept = [*kept, block] if size <= _ALWAYS else []
+        if size <= _ALWAYS:
+            kept.append(block)
+        else:
+            kept.clear()
     return b"".join(kept if size <= _ALWAYS else blocks())
 
 

@@ -15,7 +15,7 @@ from ...estimation.transfer_model import AT_REST
 from ...experiment import Experiment, FloatArray
 from ...routines import Routine
 from ...specification import quotient_unit
-from .equation import LEFT, MotorModel, SettledModel, edges, lag, static_speed
+from .equation import SHORT_OF_TOP, MotorModel, SettledModel, edges, lag, static_speed
 from .routines import MotorRoutines
 
 
@@ -66,7 +66,7 @@ class MotorCurve(Block):
         self.watch(speed=speed)
         n, v = np.asarray(speed, dtype=float), self.numbers()
         k = v["curvature"] + 1e-12
-        share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - LEFT)
+        share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - SHORT_OF_TOP)
         low, high = edges(v)
         size = np.where(n > 0.0, high, -low) - np.log1p(-share) / k
         size = np.minimum(size, v.get("saturation_command", np.inf))

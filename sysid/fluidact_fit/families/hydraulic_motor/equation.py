@@ -37,7 +37,7 @@ from ...estimation.transfer_model import ANY, TransferModel
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...specification import Variant
 
-LEFT = 1e-5  # of the speed at any command, to which the inverse reaches: commands beyond are alike
+SHORT_OF_TOP = 1e-5  # share of the top speed that the inverse leaves out: the curve is flat there
 _PARTS = 8  # of a sample time at most, for a command that moves
 _MOST = 400_000  # instants of a moving command
 

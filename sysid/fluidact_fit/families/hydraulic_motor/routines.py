@@ -20,7 +20,7 @@ from ...routines import (
     minimum,
     polynomial,
 )
-from .equation import LEFT, edges
+from .equation import SHORT_OF_TOP, edges
 
 _NEAR = 0.3  # k x below which a series is used: an exponential would cancel
 _TERMS = 14  # of the series; the first one left out is below 1e-9 of it
@@ -44,7 +44,7 @@ def _unbend(y: Expression, k: float, most: float) -> Expression:
     """
     if k * most >= _NEAR:
         left = 1.0 - y * constant("curvature", k)
-        left = maximum(left, LEFT) if 1.0 - k * most < LEFT else left
+        left = maximum(left, SHORT_OF_TOP) if 1.0 - k * most < SHORT_OF_TOP else left
         return log(left) * constant("per_curvature", -1.0 / k)
     return y * polynomial([k**n / (n + 1.0) for n in range(_TERMS)], y, "unbend")
 

@@ -295,7 +295,7 @@ def _settle_rails(
         notices.append(Notice(
             "rails-suspected",
             "extreme readings that look clipped, as their positions do not follow from the "
-            f"readings beside, are left out: {' and '.join(suspected)}. Give "
+            f"readings beside them, are left out: {' and '.join(suspected)}. Give "
             f"--rails {widest[0]:g}:{widest[1]:g} to keep all.",
         ))  # fmt: skip
     return ((rails[0], rails[1]) if given or notices else None), notices
